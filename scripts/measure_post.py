@@ -38,28 +38,28 @@ SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]
 
 
-def generate(sounds: list[Path]) -> torch.Tensor:
+def generate(sounds: list[Path]) -> np.ndarray:
     """Decoded features (b, t, c), before any other stage."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
     audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds])
     pipeline = Pipeline(load_bundle())
-    state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
+    state, active = pipeline.init_state(len(sounds)), np.ones(len(sounds), np.bool_)
     for row in range(len(sounds)):
-        pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
-    features = _tap(pipeline, "decode")
+        pipeline.reset(state, np.arange(len(sounds)) == row, seed=row)
+    features = _tap(pipeline.decoder, "step")
     for step in range(chunks):
         part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
-        pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)
-    return torch.cat(features, 1)
+        pipeline.step(part, state, active)
+    return np.concatenate(features, 1)
 
 
-def _tap(stage: object, name: str) -> list[torch.Tensor]:
+def _tap(stage: object, name: str) -> list[np.ndarray]:
     """Record every future return value of a method."""
-    seen: list[torch.Tensor] = []
+    seen: list[np.ndarray] = []
     method = getattr(stage, name)
 
-    def tapped(*arguments: object) -> torch.Tensor:
-        seen.append(method(*arguments).clone())
+    def tapped(*arguments: object) -> np.ndarray:
+        seen.append(method(*arguments).copy())
         return seen[-1]
 
     setattr(stage, name, tapped)
@@ -150,7 +150,7 @@ def main() -> None:
     torch.set_num_threads(1)
     path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
     if sounds:
-        np.savez(path, features=generate(sounds).numpy())
+        np.savez(path, features=generate(sounds))
     with np.load(path) as kept:
         features = kept["features"]
     free = MotionOptions()

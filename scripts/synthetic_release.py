@@ -18,7 +18,7 @@ from safetensors.torch import save_file
 
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.reference.expected_tensors import Shapes, face_shapes, generator_shapes, tokenizer_shapes
 from echoavatar_lab.reference.release_rig import AXES, bones_by_name

@@ -10,6 +10,7 @@ from echoavatar import checkpoint
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError
+from echoavatar.stored import read_card, read_config, round_to_int8
 
 
 class Shape(Config):
@@ -28,8 +29,8 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     other = nn.Linear(4, 3)
     checkpoint.load_into(other, checkpoint.read_weights(tmp_path), origin="test")
     assert torch.equal(layer.weight, other.weight)
-    assert checkpoint.read_config(tmp_path, Shape) == Shape()
-    assert checkpoint.read_card(tmp_path) == {"data": "none"}
+    assert read_config(tmp_path, Shape) == Shape()
+    assert read_card(tmp_path) == {"data": "none"}
 
 
 def test_half_precision_storage_loads_as_float32(tmp_path: Path) -> None:
@@ -59,16 +60,16 @@ def test_training_of_less_than_a_step_survives_int8() -> None:
     """Rounded to the nearest integer, all of it would be undone."""
     weight = torch.randn(64, 512, generator=torch.Generator().manual_seed(0))
     weight[:, 0] = 5  # keeps the scale
-    rounded, scale = checkpoint.round_to_int8(weight)
+    rounded, scale = round_to_int8(weight)
     stored = rounded * scale
     moved = stored + 0.1 * scale
     moved[:, 0] = 5
-    again, same = checkpoint.round_to_int8(moved)
+    again, same = round_to_int8(moved)
     torch.testing.assert_close(same, scale)
     assert ((again - rounded).float().mean() - 0.1).abs() < 0.01
     x = torch.ones(512)
     torch.testing.assert_close((again * same) @ x, moved @ x, atol=1, rtol=0)
-    assert torch.equal(checkpoint.round_to_int8(stored)[0], rounded)
+    assert torch.equal(round_to_int8(stored)[0], rounded)
 
 
 def test_every_mismatch_is_named() -> None:
@@ -79,11 +80,11 @@ def test_every_mismatch_is_named() -> None:
 
 def test_a_missing_folder_a_damaged_file_and_a_wrong_field_are_told_apart(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"config\.json is missing"):
-        checkpoint.read_config(tmp_path / "nowhere", Shape)
+        read_config(tmp_path / "nowhere", Shape)
     write(tmp_path)
     (tmp_path / "config.json").write_text('{"width": "wide"}')
     with pytest.raises(CheckpointError, match="width"):
-        checkpoint.read_config(tmp_path, Shape)
+        read_config(tmp_path, Shape)
     stored = (tmp_path / "model.safetensors").read_bytes()
     (tmp_path / "model.safetensors").write_bytes(stored[: len(stored) // 2])
     with pytest.raises(CheckpointError, match="damaged"):
@@ -129,7 +130,7 @@ def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(tmp_path: 
 def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(tmp_path: Path, name: str) -> None:
     (stored(tmp_path) / name).unlink()
     os.mkfifo(tmp_path / name)
-    read = checkpoint.read_card if name == "card.json" else lambda folder: checkpoint.load(folder, Stack, stack)
+    read = read_card if name == "card.json" else lambda folder: checkpoint.load(folder, Stack, stack)
     with pytest.raises(CheckpointError, match="not a regular file"):
         read(tmp_path)
 
@@ -138,7 +139,7 @@ def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(tmp_path: Path
 def test_a_card_that_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "card.json").write_text(text)
     with pytest.raises(CheckpointError, match="card"):
-        checkpoint.read_card(tmp_path)
+        read_card(tmp_path)
 
 
 class SizeConfig(Config):

@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 
 from echoavatar import limits
-from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.limits import BVH_BYTES, CONFIG_BYTES, GLB_BYTES, check_file, read_text
 from echoavatar.motion.formats.bvh import read_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
+from echoavatar.stored import read_card
 
 
 def test_only_regular_files_of_a_bounded_size_pass(tmp_path: Path) -> None:

@@ -32,6 +32,13 @@ for words in (
 """
 
 
+FACE = """
+import sys
+import echoavatar.models.audio.level, echoavatar.models.face.stream
+assert "torch" not in sys.modules
+"""
+
+
 def run(code: str, folder: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -42,8 +49,37 @@ def test_no_module_of_the_room_loads_it(room: str, tmp_path: Path) -> None:
     run(EVERY_MODULE.format(room=room), tmp_path)
 
 
+def test_the_face_and_level_control_load_none(tmp_path: Path) -> None:
+    run(FACE, tmp_path)
+
+
 def test_recordings_are_written_and_put_on_a_character_without_it(tmp_path: Path) -> None:
     still = Motion.at_rest(HUMANOID)
     rotations, root = np.repeat(still.rotations, 4, 0), np.repeat(still.root, 4, 0)
     write_bvh(tmp_path / "clip.bvh", HUMANOID, rotations, root, 30.0)
     run(COMMANDS, tmp_path)
+
+
+MODEL = """
+import sys
+import numpy as np
+import echoavatar
+from echoavatar.cli import main
+from echoavatar.models.audio import write_wav
+from pathlib import Path
+sound = 0.1 * np.sin(np.arange(24_000) / 20).astype(np.float32)
+write_wav(Path("tone.wav"), sound)
+for words in ("animate tone.wav -o tone.glb", "animate tone.wav -o tone.bvh --seed 2", "tools"):
+    assert main(words.split()) == 0
+    assert "torch" not in sys.modules, words
+from echoavatar.engine import load
+from echoavatar.server import ServerSettings, create_app
+create_app(load(seats=2), ServerSettings())
+import echoavatar.agents.mcp, echoavatar.agents.proxy.relay, echoavatar.cli.camera, echoavatar.cli.say
+import echoavatar.server.video.broadcast
+assert "torch" not in sys.modules
+"""
+
+
+def test_the_default_bundle_moves_and_is_served_without_it(tmp_path: Path) -> None:
+    run(MODEL, tmp_path)

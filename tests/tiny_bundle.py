@@ -7,7 +7,8 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import body_config

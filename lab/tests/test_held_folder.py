@@ -17,6 +17,7 @@ from lab.tests.training.line import Line
 from echoavatar import checkpoint
 from echoavatar.cli import main
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.stored import read_card, read_config
 from echoavatar_lab import held_folder
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
 from echoavatar_lab.held_folder import FILE, hold_folder
@@ -186,9 +187,9 @@ def test_a_failing_disk_ends_training_in_one_line_and_the_run_goes_on_later(
     assert os.strerror(code) in str(told.value)
     assert not list(tmp_path.glob("*.partial"))
     checkpoint.read_weights(tmp_path)
-    checkpoint.read_config(tmp_path, type(Line().config))
+    read_config(tmp_path, type(Line().config))
     train(Line(), tmp_path)
-    assert checkpoint.read_card(tmp_path)["step"] == 12
+    assert read_card(tmp_path)["step"] == 12
 
 
 @pytest.fixture
@@ -213,7 +214,7 @@ def test_a_full_disk_ends_training_in_one_line_and_the_run_goes_on_later(small_d
         checkpoint.read_weights(folder)
         filler.unlink()
     train(Line(), folder)
-    assert checkpoint.read_card(folder)["step"] == 12
+    assert read_card(folder)["step"] == 12
 
 
 def test_a_disk_that_becomes_read_only_ends_training_in_one_line(small_disk: Path) -> None:
@@ -272,8 +273,8 @@ def test_a_run_killed_at_any_moment_leaves_a_checkpoint_that_loads_and_goes_on(t
         process.send_signal(signal.SIGKILL)
         process.wait()
         checkpoint.read_weights(tmp_path)
-        checkpoint.read_config(tmp_path, type(Line().config))
-        step = int(str(checkpoint.read_card(tmp_path)["step"]))
+        read_config(tmp_path, type(Line().config))
+        step = int(str(read_card(tmp_path)["step"]))
         assert step > reached
         reached = step
     steps = [json.loads(line)["step"] for line in (tmp_path / "metrics.jsonl").read_text().splitlines()[:-1]]
@@ -282,6 +283,6 @@ def test_a_run_killed_at_any_moment_leaves_a_checkpoint_that_loads_and_goes_on(t
 
 def _has_moved(folder: Path, reached: int) -> bool:
     try:
-        return int(str(checkpoint.read_card(folder).get("step", 0))) > reached
+        return int(str(read_card(folder).get("step", 0))) > reached
     except EchoAvatarError:
         return False

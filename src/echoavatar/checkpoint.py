@@ -1,7 +1,7 @@
-"""A checkpoint is a folder: `config.json`, `model.safetensors`, `card.json`. Loading is strict and says what is wrong.
+"""Modules of torch and their checkpoints. Loading is strict and says what is wrong.
 
-Nothing is ever unpickled, and no module is built that is larger than the weights stored for it. Uses `config`,
-`json_reader`, `limits`, `whole_file` and `errors` only.
+No module is built that is larger than the weights stored for it. Uses `stored`, `config`, `whole_file` and `errors`
+only.
 """
 
 import json
@@ -12,103 +12,30 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 import torch
-from jaxtyping import Float, Int8
-from pydantic import ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 from torch.overrides import TorchFunctionMode
 
 from .config import Config
-from .errors import CheckpointError, EchoAvatarError
-from .json_reader import read_object_file
-from .limits import CONFIG_BYTES, check_file
+from .errors import CheckpointError
+from .stored import SCALE, WEIGHTS, ConfigT, Rounded, check_shapes, read_arrays, read_config, round_to_int8
 from .whole_file import make_output_folder, whole_file, write_whole
 
-ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
-LARGEST_WEIGHTS_BYTES = 1 << 36
-_SCALE = ".int8_scale"
-_EXACT = 1e-3  # a weight this close to an integer, in steps, is always rounded to it; covers float32 errors
 _DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_}
 
 
-def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") -> ConfigT:
-    """Read and check the settings of a folder.
-
-    Raises CheckpointError if the folder or file is missing, or a field does not fit.
-    """
-    path = folder / name
-    try:
-        return kind.model_validate(read_object_file(path))
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{folder} is not a checkpoint: {name} is missing") from error
-    except EchoAvatarError as error:
-        raise CheckpointError(f"{error}; copy or download it again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise CheckpointError(f"{path}: {field}: {first['msg']}; copy or download it again") from error
-
-
-def read_card(folder: Path) -> dict[str, object]:
-    """The model card (data, command, scores, licence), or an empty one where there is none."""
-    path = folder / "card.json"
-    try:
-        return read_object_file(path)
-    except FileNotFoundError:
-        return {}
-    except EchoAvatarError as error:
-        raise CheckpointError(f"{error}; copy or download it again") from error
-
-
-def check_weights(path: Path) -> None:
-    """Refuse a safetensors file that is no regular file, too large, or lists more tensors than any model has.
-
-    Raises:
-        FileNotFoundError: there is nothing; the caller knows the remedy.
-        CheckpointError: it is refused.
-    """
-    check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
-    with path.open("rb") as file:
-        header = int.from_bytes(file.read(8), "little")
-    if header > CONFIG_BYTES:
-        raise CheckpointError(f"{path} is damaged (a list of tensors of {header:,} bytes); copy or download it again")
-
-
 def read_weights(folder: Path) -> dict[str, Tensor]:
-    """Read `model.safetensors`; storage in half precision or in int8 (see `save`) becomes float32."""
-    path = folder / "model.safetensors"
-    try:
-        check_weights(path)
-        weights = load_file(path)
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{folder} is not a checkpoint: model.safetensors is missing") from error
-    except SafetensorError as error:
-        raise CheckpointError(f"{path} is damaged ({error}); copy or download it again") from error
-    half = (torch.float16, torch.bfloat16)
-    for key in [key for key in weights if key.endswith(_SCALE)]:
-        scale, rounded = weights.pop(key), weights.get(key.removesuffix(_SCALE))
-        if rounded is None or rounded.dtype != torch.int8 or scale.shape != (*rounded.shape[:1], 1):
-            raise CheckpointError(f"{path} is damaged ({key} has no weights of its size); copy or download it again")
-        weights[key.removesuffix(_SCALE)] = rounded.float() * scale.float()
-    weights = {key: value.float() if value.dtype in half else value for key, value in weights.items()}
-    check_numbers(path, weights)
-    return weights
+    """Read `model.safetensors`; storage in half precision or in int8 (see `save`) becomes float32.
 
-
-def check_numbers(path: Path, weights: Mapping[str, Tensor]) -> None:
-    """Refuse weights that are complex, infinite or not a number.
-
-    Raises CheckpointError if some are; the first is named.
+    Raises CheckpointError if the file is missing or damaged.
     """
-    for key, value in weights.items():
-        is_number = not value.is_complex()
-        if value.is_floating_point() and value.numel():
-            is_number = all(map(torch.isfinite, value.float().aminmax()))
-        if not is_number:
-            raise CheckpointError(f"{path} is damaged ({key[:80]} holds what is no number); copy or download it again")
+    arrays = read_arrays(folder)
+    return {
+        key: torch.from_numpy(value.floats() if isinstance(value, Rounded) else value) for key, value in arrays.items()
+    }
 
 
 def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT]) -> ModuleT:
@@ -186,32 +113,9 @@ def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) 
 
     Raises CheckpointError: keys or shapes differ.
     """
-    own = module.state_dict()
-    problems = [f"missing {key}" for key in own if key not in weights]
-    problems += [f"unknown {key}" for key in weights if key not in own]
-    problems += [
-        f"{key} is {tuple(weights[key].shape)}, wanted {tuple(own[key].shape)}"
-        for key in own
-        if key in weights and weights[key].shape != own[key].shape
-    ]
-    if problems:
-        shown = "; ".join(problems[:6]) + (f"; and {len(problems) - 6} more" if len(problems) > 6 else "")
-        raise CheckpointError(f"{origin} does not fit this model: {shown}")
+    own, given = ({key: value.shape for key, value in found.items()} for found in (module.state_dict(), weights))
+    check_shapes(own, given, origin=origin)
     module.load_state_dict(dict(weights))
-
-
-def round_to_int8(weight: Float[Tensor, "o i"]) -> tuple[Int8[Tensor, "o i"], Float[Tensor, "o 1"]]:
-    """Stochastic rounding to int8: the integers, and one scale for each row; the weights are about integers x scale.
-
-    A weight a tenth of a step above an integer is rounded up with a probability of a tenth, so the mean error is zero.
-    The seed is fixed, so the same weights always give the same integers. Rounding to the nearest integer would undo
-    every change of less than half a step: a few steps of `align` on a generator that is stored in int8 change less.
-    Weights that are integers x scale already keep their integers.
-    """
-    scale = (weight.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
-    threshold = torch.rand(weight.shape, generator=torch.Generator().manual_seed(0)) * (1 - 2 * _EXACT) + _EXACT
-    rounded = (weight.cpu() / scale.cpu() + threshold).floor().clamp(-127, 127)
-    return rounded.to(weight.device, torch.int8), scale.float()
 
 
 def save(
@@ -232,11 +136,11 @@ def save(
     for key, value in weights.items():
         kept = value.detach().cpu()
         if dtype == torch.int8 and kept.is_floating_point() and kept.ndim == 2:
-            kept, stored[key + _SCALE] = round_to_int8(kept)
+            kept, stored[key + SCALE] = map(torch.from_numpy, round_to_int8(kept.float().numpy()))
         elif dtype is not None and kept.is_floating_point():
             kept = kept.to(torch.float16 if dtype == torch.int8 else dtype)
         stored[key] = kept.contiguous()
-    path = folder / "model.safetensors"
+    path = folder / WEIGHTS
     with whole_file(path, error=CheckpointError, failures=(SafetensorError,), is_flushed=True) as partial:
         save_file(stored, partial)
     for name, text in (("config", config.model_dump_json(indent=2)), ("card", json.dumps(dict(card), indent=2))):

@@ -36,6 +36,7 @@ def test_the_papers_own_order_can_be_timed(tiny_bundle: Path, monkeypatch: pytes
         return qwen_half_billion(layout, sequence).model_copy(update=sizes)
 
     monkeypatch.setattr(bundles, "qwen_half_billion", small)
-    pipeline = Pipeline(bundles.with_random_generator(load_bundle(tiny_bundle)))
-    assert pipeline.generator.config.sequence == "prefix"
+    bundle = bundles.with_random_generator(load_bundle(tiny_bundle))
+    pipeline = Pipeline(bundle)
+    assert bundle.sizes.sequence == "prefix"
     assert bench_stream(pipeline, seconds=0.6).stages_ms["generator"][0] > 0

@@ -71,7 +71,7 @@ def test_every_field_of_a_config_exists() -> None:
     """`SomeConfig.field`, and `.field` after it."""
     from echoavatar.models.face import FaceConfig
     from echoavatar.models.generator import GeneratorConfig
-    from echoavatar.models.tokenizer import MotionTokenizerConfig
+    from echoavatar.models.tokenizer_config import MotionTokenizerConfig
     from echoavatar_lab.align.audio_reward import AudioMotionConfig
     from echoavatar_lab.align.quality import QualityConfig
     from echoavatar_lab.align.trainer import AlignTraining

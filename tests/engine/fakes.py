@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import ActionLibrary
@@ -16,8 +15,8 @@ from echoavatar.timing import CHUNK, ChunkSize
 
 @dataclass
 class Heard(StreamState):
-    total: torch.Tensor
-    seed: torch.Tensor
+    total: np.ndarray
+    seed: np.ndarray
 
 
 class FakePipeline:
@@ -27,21 +26,21 @@ class FakePipeline:
     additions = frozenset(SESSION)
     directive_codes = 0
     has_manner = False
-    device = torch.device("cpu")
+    device = "cpu"
     face = None
 
     def init_state(self, rows: int) -> Heard:
-        return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))
+        return Heard(np.zeros(rows, np.float32), np.zeros(rows, np.int64))
 
-    def reset(self, state: Heard, rows: torch.Tensor, *, seed: int, options: object = None) -> None:
+    def reset(self, state: Heard, rows: np.ndarray, *, seed: int, options: object = None) -> None:
         state.reset(rows)
         state.seed[rows] = seed
 
-    def restart_generator(self, state: Heard, rows: torch.Tensor) -> None:
+    def restart_generator(self, state: Heard, rows: np.ndarray) -> None:
         """Nothing that it remembers is motion."""
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
-        state.total += torch.where(active, audio.sum(1), torch.zeros(1))
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+        state.total += np.where(active, audio.sum(1), 0)
         frames = audio.shape[1] // 800
         return [
             MotionChunk(np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1)), np.full((frames, 3), float(total)))

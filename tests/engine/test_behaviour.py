@@ -159,7 +159,7 @@ def test_after_a_dance_it_steps_back_to_its_place(has_home: bool) -> None:
     if not has_home:
         kept = tuple(part for part in runtime.session if part != "home")
         runtime = runtime.model_copy(update={"session": kept})
-    engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=2, rewind=0, workers=0)
+    engine = Engine(Pipeline(replace(bundle.without(["face"]), runtime=runtime)), seats=2, rewind=0, workers=0)
     music = sound("music")[: 14 * SAMPLE_RATE_HZ]
     for seed in (1, 4):
         session = engine.open_core(seed=seed)
@@ -181,7 +181,7 @@ def test_speech_that_comes_at_once_finds_it_standing() -> None:
     bundle, highest = load_bundle("default"), {}
     for lead_in_s in (0.0, 2.0):
         runtime = bundle.runtime.model_copy(update={"lead_in_s": lead_in_s})
-        engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=12, rewind=0, workers=0)
+        engine = Engine(Pipeline(replace(bundle.without(["face"]), runtime=runtime)), seats=12, rewind=0, workers=0)
         sessions = [engine.open_core(seed=seed) for seed in range(12)]
         for session in sessions:
             session.push(sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :][: 3 * SAMPLE_RATE_HZ])

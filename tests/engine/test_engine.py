@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
 from echoavatar.engine import Engine, Session, load
@@ -59,7 +58,7 @@ class Meeting(FakePipeline):
         self.door = threading.Barrier(2)
         self.rows: list[int] = []
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
         self.rows.append(len(audio))
         self.door.wait(10)
         return super().step(audio, state, active)
@@ -79,7 +78,7 @@ def test_two_workers_step_two_sessions_side_by_side_each_by_itself() -> None:
 
 def test_a_failure_in_a_worker_is_raised_by_tick() -> None:
     class Failing(FakePipeline):
-        def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
             raise EchoAvatarError("no")
 
     machine = Engine(Failing(), workers=2)  # type: ignore[arg-type]
@@ -168,7 +167,7 @@ def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle
     passed: list[str] = []
     pipeline = Pipeline(load_bundle(tiny_bundle))
     pipeline.on_stage = passed.append
-    pipeline.step(torch.zeros(1, 6_400), pipeline.init_state(1), torch.ones(1, dtype=torch.bool))
+    pipeline.step(np.zeros((1, 6_400), np.float32), pipeline.init_state(1), np.ones(1, np.bool_))
     todo = list(dict.fromkeys(passed))
     faulty, sound = run(todo), run([])
     assert not todo
@@ -181,7 +180,7 @@ def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle
 def test_a_pipeline_that_is_loaded_again_leaves_nothing_of_the_old_one_in_memory(tiny_bundle: Path) -> None:
     """At once, without Python's search for cycles, which may come minutes later or never: loaded objects are frozen."""
     engine = load(tiny_bundle, seats=1)
-    parts = [engine.pipeline, engine.pipeline.generator, engine.pipeline.generator._decoder]
+    parts = [engine.pipeline, engine.pipeline.generator, engine.pipeline.generator._step.__self__]
     tokenizer = engine.pipeline.decode.__self__
     parts += [engine.pipeline.codec, tokenizer, *tokenizer.parameters()]
     old = [weakref.ref(part) for part in parts]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
@@ -97,10 +96,10 @@ class Dancer(FakePipeline):
     def __init__(self) -> None:
         self.forgot = 0
 
-    def restart_generator(self, state: Heard, rows: torch.Tensor) -> None:
+    def restart_generator(self, state: Heard, rows: np.ndarray) -> None:
         self.forgot += int(rows.sum())
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
         return [limbs(0 if self.forgot else 200) for _ in audio]
 
 

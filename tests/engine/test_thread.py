@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
 from echoavatar.engine import Engine, EngineThread, SessionCore
@@ -38,7 +37,7 @@ class Faulty(FakePipeline):
 
     faults, broken = 0, False
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
         chunks = super().step(audio, state, active)
         if self.broken or self.faults or (audio == 13).any():
             self.faults = max(0, self.faults - 1)
@@ -136,7 +135,7 @@ def test_motion_that_is_not_finite_ends_its_session() -> None:
         for core in (bad, good):
             core.push(np.ones(6_400, np.float32))
             shown(core, 1)
-        machine._state.total[bad.seat] = torch.nan  # type: ignore[attr-defined]
+        machine._state.total[bad.seat] = np.nan  # type: ignore[attr-defined]
         for core in (bad, good):
             core.push(np.ones(6_400, np.float32))
         assert shown(good, 1) == [12_800]
@@ -161,7 +160,7 @@ class Gated(FakePipeline):
         self.inside: list[float] = []
         self.gates = {1.0: threading.Event(), 2.0: threading.Event()}
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
         heard = float(audio[0, 0])
         self.inside.append(heard)
         self.gates[heard].wait(10)

@@ -28,6 +28,7 @@ from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig, read_skinned
 from echoavatar.motion.formats.tables import read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.stored import read_card
 from echoavatar.wire.codec import ProtocolError, decode_client, decode_server, encode
 from echoavatar.wire.messages import Audio
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
@@ -69,7 +70,7 @@ def model(name: str) -> tuple["Maker", "Reader"]:
 
     def read(path: Path) -> None:
         shutil.copy(path, path.parent / "model" / name)
-        checkpoint.read_card(path.parent / "model")
+        read_card(path.parent / "model")
         MotionEncoder.load(path.parent / "model")
 
     return make, read

@@ -25,12 +25,15 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
+from echoavatar.models.face.decoder import FrameDecoder
 from echoavatar.models.face.encoder import HubertEncoder, MelEncoder
-from echoavatar.models.face.gpt import FaceGpt
 from echoavatar.models.face.idle import IdleFace
+from echoavatar.models.face.window import WindowFrames
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.frames import FrameStream
 from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar.motion.motion_chunk import MotionBatch
@@ -76,6 +79,11 @@ class Case:
     unit: int = 1
     cuts: Cuts = ((1, 1, 1, 1, 1, 1, 1, 1), (3, 1, 4), (2, 6), (7, 1))
     atol: float = 1e-6
+
+
+def on_arrays(step: Callable[..., Any]) -> Callable[[Tensor, Any, Tensor], Tensor]:
+    """A step that takes and gives arrays, for the laws' tensors."""
+    return lambda x, state, active: torch.from_numpy(step(x.numpy(), state, active.numpy()))
 
 
 def in_chunks(step: Callable[[Tensor, Any, Tensor], Tensor], size: int) -> Callable[[Tensor, Any, Tensor], Tensor]:
@@ -154,6 +162,11 @@ def quiet(rows: int, samples: int, random: torch.Generator) -> Tensor:
     return 0.02 * sound(rows, samples, random)
 
 
+def level() -> Stream:
+    control = LevelControl()
+    return Stream(control.init_state, on_arrays(control.step), lambda x: torch.from_numpy(control(x.numpy())))
+
+
 def hubert() -> Stream:
     """Each chunk's own frames of the window; `forward` hears a clip in the same way."""
     torch.manual_seed(0)
@@ -171,13 +184,13 @@ def face_stream(memory: str) -> Any:
 
 def idle_face() -> Stream:
     """Over curves that rest, for a loudness."""
-    model = IdleFace(torch.zeros(52))
+    model = IdleFace(np.zeros(52, np.bool_))
 
-    def step(loudness: Tensor, state: Any, active: Tensor) -> Tensor:
-        still = torch.zeros(*loudness.shape, 52)
-        return model.step(still, loudness, state, active, torch.arange(len(loudness)))
+    def step(loudness: np.ndarray, state: Any, active: np.ndarray) -> np.ndarray:
+        still = np.zeros((*loudness.shape, 52), np.float32)
+        return model.step(still, loudness, state, active, np.arange(len(loudness)))
 
-    return Stream(model.init_state, step)
+    return Stream(model.init_state, on_arrays(step))
 
 
 def exported(model: Any, step: Any, init_state: Any, x: Tensor) -> Stream:
@@ -185,7 +198,7 @@ def exported(model: Any, step: Any, init_state: Any, x: Tensor) -> Stream:
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder), config=model.config, weights=model.state_dict(), card={})
         graph = ExportedStep(export_step(Path(folder), model, step, init_state, x))
-    return Stream(graph.init_state, in_chunks(graph.step, x.shape[1]))
+    return Stream(graph.init_state, in_chunks(on_arrays(graph.step), x.shape[1]))
 
 
 def exported_decoder() -> Stream:
@@ -207,6 +220,12 @@ def exported_codec() -> Stream:
 
 def generator(sequence: str) -> Any:
     return open_stream(generators.generator(sequence=sequence, window_chunks=2))
+
+
+def frames() -> Stream:
+    model = generators.generator(sequence="depth", window_chunks=2)
+    stream = FrameStream(model.config, {name: weight.numpy() for name, weight in model.state_dict().items()})
+    return Stream(stream.init_state, on_arrays(stream.step))
 
 
 def gestures(rows: int, frames: int, random: torch.Generator) -> Tensor:
@@ -256,10 +275,7 @@ def rig() -> Stream:
     own, same = released(), np.stack([np.eye(3)] * 88)
     adapter = RigAdapter(rig_config(own.config, same, same), own)
 
-    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        return torch.from_numpy(adapter.step(x.numpy(), state, active.numpy()))
-
-    return Stream(adapter.init_state, step)
+    return Stream(adapter.init_state, on_arrays(adapter.step))
 
 
 def released_features(rows: int, frames: int, random: torch.Generator) -> Tensor:
@@ -279,7 +295,7 @@ def pipeline() -> Stream:
     whole = Pipeline(bundle, precision="float32")
 
     def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        shown = whole.step(x, state, active)
+        shown = whole.step(x.numpy(), state, active.numpy())
         return flat(
             MotionBatch(*(np.stack(part) for part in zip(*((c.rotations, c.root) for c in shown), strict=True)))
         )
@@ -304,7 +320,7 @@ CASES: dict[type, dict[str, Case]] = {
         "of an ear": Case(exported_ear, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5),
         "of a codec": Case(exported_codec, sound, CHUNK_SAMPLES, cuts=FEW, atol=0),
     },
-    LevelControl: {"": Case(LevelControl, quiet, unit=160 * 30, atol=0)},
+    LevelControl: {"": Case(level, quiet, unit=160 * 30, atol=0)},
     MelEncoder: {"": Case(seeded(MelEncoder, config=face.EAR), face.sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-9)},
     HubertEncoder: {"": Case(hubert, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5)},
     FaceStream: {
@@ -315,6 +331,7 @@ CASES: dict[type, dict[str, Case]] = {
     InterleavedStream: {"": Case(lambda: generator("interleaved"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     PrefixStream: {"": Case(lambda: generator("prefix"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     DepthStream: {"": Case(lambda: generator("depth"), generators.audio, unit=20, cuts=((1, 1, 2),))},
+    FrameStream: {"": Case(frames, generators.audio, unit=20, cuts=((1, 1, 2),), atol=0)},
     Post: {
         "free": Case(post, gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
         "on a leash": Case(lambda: post(MotionOptions(leash_m=0.02)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
@@ -325,7 +342,8 @@ CASES: dict[type, dict[str, Case]] = {
 }
 
 COVERED: dict[type, tuple[type, str]] = {
-    FaceGpt: (FaceStream, "its state is a part of the stream's, which runs it frame by frame"),
+    FrameDecoder: (FaceStream, "makes the frames of the ring form"),
+    WindowFrames: (FaceStream, "makes the frames of the window form"),
     Smoother: (Post, "runs in every chunk"),
     Stillness: (Post, "runs in every chunk"),
     SpeedLimit: (Post, "runs in every chunk"),

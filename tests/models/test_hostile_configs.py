@@ -4,11 +4,11 @@ import pytest
 from pydantic import ValidationError
 
 from echoavatar.config import Config
-from echoavatar.models.audio.network import CodecConfig
+from echoavatar.models.audio.codec_config import CodecConfig
 from echoavatar.models.face.config import FaceConfig, MelConfig
 from echoavatar.models.fingers.model import FingerConfig
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig

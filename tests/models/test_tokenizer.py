@@ -3,16 +3,11 @@ import torch
 from pydantic import ValidationError
 from tests.models.motion_tokens import dance, small_body, small_config
 
-from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import (
-    BodyTokenizer,
-    BodyTokenizerConfig,
-    MotionTokenizer,
-    MotionTokenizerConfig,
-    split_parts,
-)
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, split_parts
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.stored import read_card
 from echoavatar_lab.models.tokenizer.train import clip_features
 
 

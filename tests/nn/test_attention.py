@@ -88,10 +88,10 @@ def test_lookback_mask_by_hand():
 
 def test_the_state_has_constant_size(attention):
     state = attention.init_state(2)
-    sizes = [tensor.shape for tensor in state.tensors()]
+    sizes = [tensor.shape for tensor in state.arrays()]
     for _ in range(3):
         attention.step(frames(2, 4, torch.Generator()), state, torch.tensor([True, True]))
-    assert [tensor.shape for tensor in state.tensors()] == sizes
+    assert [tensor.shape for tensor in state.arrays()] == sizes
 
 
 def test_odd_head_size_is_refused():

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import onnx
 import pytest
-import torch
 from onnx import TensorProto, helper
 
 from echoavatar.errors import CheckpointError
@@ -26,20 +26,20 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_rows_keep_their_own_past_and_those_that_rest_are_not_touched(path: Path) -> None:
-    step, x = ExportedStep(path), torch.tensor([[1.0, 2.0], [10.0, 20.0]])
+    step, x = ExportedStep(path), np.float32([[1, 2], [10, 20]])
     state = step.init_state(2)
-    assert step.step(x, state, torch.tensor([True, True])).tolist() == [[1, 2], [10, 20]]
-    assert step.step(x, state, torch.tensor([False, True]))[1].tolist() == [20, 40]
-    assert step.step(x, state.rows(slice(0, 1)), torch.tensor([True, False]))[0].tolist() == [2, 4]
+    assert step.step(x, state, np.array([True, True])).tolist() == [[1, 2], [10, 20]]
+    assert step.step(x, state, np.array([False, True]))[1].tolist() == [20, 40]
+    assert step.step(x, state.rows(slice(0, 1)), np.array([True, False]))[0].tolist() == [2, 4]
     assert state.parts[0].tolist() == [[2, 4], [20, 40]]
-    state.reset(torch.tensor([True, False]))
-    assert step.step(x, state, torch.tensor([True, True])).tolist() == [[1, 2], [30, 60]]
+    state.reset(np.array([True, False]))
+    assert step.step(x, state, np.array([True, True])).tolist() == [[1, 2], [30, 60]]
 
 
 def test_without_an_active_row_nothing_is_kept(path: Path) -> None:
     step = ExportedStep(path)
     state = step.init_state(1)
-    step.step(torch.ones(1, 2), state, torch.tensor([False]))
+    step.step(np.ones((1, 2), np.float32), state, np.array([False]))
     assert not state.parts[0].any()
 
 

@@ -10,7 +10,8 @@ from tests import golden as fixtures
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import MotionTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar_lab.models.tokenizer.measure import code_usage
 
 

@@ -14,7 +14,8 @@ from tests.golden import golden
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Skeleton, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -36,7 +37,7 @@ def run(tiny_bundle: Path, how: str) -> np.ndarray:
     template = MotionTokenizerConfig(features=1, width=16, heads=2, layers=2, codes=8)
     tokenizer = BodyTokenizer(body_config(own, template)).eval()
     rig = rig_config(own.config, np.stack([np.eye(3)] * 88), np.stack([np.eye(3)] * 88))
-    bundle = replace(plain, tokenizer=tokenizer, runtime=Runtime(rig=rig)).running(how)
+    bundle = replace(plain.having(tokenizer=tokenizer), runtime=Runtime(rig=rig)).running(how)
     pipeline = Pipeline(bundle, output="native")
     chunks = iter(torch.from_numpy(features).split(8, 1))
     pipeline.decode = lambda *_: next(chunks)  # type: ignore[method-assign]

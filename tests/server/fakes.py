@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tests.engine.fakes import FakePipeline, Heard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -38,7 +37,7 @@ class Body(FakePipeline):
     def __init__(self, seconds: float = 0.0, chunk: ChunkSize = CHUNK) -> None:
         self.seconds, self.chunk = seconds, chunk
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
         time.sleep(self.seconds)
         chunks = super().step(audio, state, active)
         return [chunk._replace(root=(chunk.root * 1e-5).astype(np.float32)) for chunk in chunks]

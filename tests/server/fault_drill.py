@@ -70,9 +70,9 @@ def hurt(engine: engines.Engine, manager: Any, orders: Any) -> None:
         elif "session 2" in order:
             victim = core(manager, 2)
             row = engine._state.rows(slice(victim.seat, victim.seat + 1))
-            for tensor in row.tensors():
-                if tensor.is_floating_point():
-                    tensor.fill_(float("nan"))
+            for part in row.arrays():
+                if part.dtype.kind == "f":
+                    part[:] = float("nan")
         elif order == "kill -9":
             os.kill(os.getpid(), signal.SIGKILL)
 

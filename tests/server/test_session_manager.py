@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import Heard
 from tests.server.fakes import FAST, Body, serving
 from websockets.exceptions import ConnectionClosed
@@ -292,7 +291,7 @@ def test_in_a_batch_all_go_with_the_one_that_is_due() -> None:
     class Counting(Body):
         active: list[int] = []
 
-        def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
             self.active.append(int(active.sum()))
             return super().step(audio, state, active)
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import Heard
 from tests.server.fakes import FAST, Body, serving
 
@@ -26,7 +25,7 @@ class Staged(Body):
 
     on_stage: Any = None
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
         self.on_stage("codec")
         time.sleep(0.02)
         self.on_stage("generator")

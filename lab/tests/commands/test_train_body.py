@@ -13,13 +13,13 @@ from lab.tests.models.generator.test_train import clips
 from tests.models.motion_tokens import dance, small_body
 from transformers import EncodecConfig, EncodecModel
 
-from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.stored import read_card
 from echoavatar_lab.commands import train
 from echoavatar_lab.commands.recipe import Settings, shipped
 from echoavatar_lab.commands.train_body import body_sizes, complete

@@ -8,11 +8,11 @@ from lab.tests.evaluation.clips import clip, folder
 from tests.models.face.tiny import clip as face_clip
 from tests.models.fingers.moving import waving
 
-from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.models.face import FaceConfig, FaceModel
 from echoavatar.models.fingers import FingerConfig
 from echoavatar.motion.formats import write_bvh
+from echoavatar.stored import read_card
 from echoavatar_lab.commands import train
 from echoavatar_lab.data import Clip, write_manifest
 from echoavatar_lab.data.corpus import clip_path

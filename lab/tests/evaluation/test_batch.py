@@ -1,4 +1,3 @@
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from echoavatar_lab.evaluation.batch import animate_many
 
 def test_many_at_once_are_as_one_by_one(tiny_bundle: Path, voice: np.ndarray) -> None:
     """Sounds of different lengths end at different ticks; the others go on. Their faces come with them."""
-    bundle = replace(load_bundle(tiny_bundle), face=make().float())
+    bundle = load_bundle(tiny_bundle).having(face=make().float())
     pipeline = Pipeline(bundle, precision="float32")
     sounds = [voice, voice[:9_000] * 0.3, voice[5_000:]]
     told: list[tuple[int, int]] = []

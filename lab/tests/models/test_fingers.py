@@ -6,11 +6,11 @@ import torch
 from tests.models.fingers.moving import QUICK, TINY, waving
 from tests.models.runs import check_pieces, check_resume, losses
 
-from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import body_features, finger_clip
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.stored import read_card
 from echoavatar_lab.data.clip import mirror_positions, mirror_quaternions
 from echoavatar_lab.kinematics import matrix_from_quaternion, quaternion_from_axis_angle
 from echoavatar_lab.models.fingers import (

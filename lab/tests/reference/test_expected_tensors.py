@@ -11,10 +11,11 @@ from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.models.face import FaceModel, FaceStream, HubertConfig
+from echoavatar.models.face import FaceModel, HubertConfig
 from echoavatar.models.face.encoder import normalize_window, pad_window
-from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.gpt import rotate_pairs, sinusoids
+from echoavatar.models.face.noise import euler_levels
+from echoavatar.models.face.window import WindowFrames
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.reference.expected_tensors import (
@@ -141,14 +142,14 @@ def test_schedule(parts):
 def test_eight_frames(model):
     """One chunk from a filled history: 56 frames of motion, 63 of sound, one draw of noise per frame."""
     golden = arrays("face_infer_8.npz")
-    stream = FaceStream(model)
-    state = model.gpt.init_state(1)
+    window = WindowFrames(model)
+    state = window.init_state(1)
     state.motion.copy_(golden["pre_motion"][None])
     projection, model.gpt.sound_proj = model.gpt.sound_proj, torch.nn.Identity()
     try:
         state.sound = torch.zeros(1, 55, 64)
         noise = golden["noise"][:, 0].transpose(0, 1)
-        frames = stream.generate(golden["audio_feat"], state, torch.ones(1, dtype=torch.bool), noise)
+        frames = window.step(golden["audio_feat"], state, torch.ones(1, dtype=torch.bool), noise)
     finally:
         model.gpt.sound_proj = projection
     near(frames[0], golden["out_norm"], 2e-4)  # rounding grows over frames that feed on each other

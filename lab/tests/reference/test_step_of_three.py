@@ -33,15 +33,15 @@ def pipeline(in_threes: Path) -> Pipeline:
     return Pipeline(load_bundle(in_threes))
 
 
-def row(engine: Engine) -> list[torch.Tensor]:
-    return [tensor[0].clone() for tensor in engine._state.tensors()]
+def row(engine: Engine) -> list[np.ndarray]:
+    return [tensor[0].copy() for tensor in engine._state.arrays()]
 
 
 def test_its_parts_step_alike(pipeline: Pipeline) -> None:
     """Three motion tokens, thirty audio frames, and a face whose past is four frames shorter than the paper's."""
     assert (pipeline.chunk.samples, pipeline.chunk.frames) == (STEP, 12)
     assert pipeline.face is not None
-    assert (pipeline.face.model.config.step, pipeline.face.model.config.context) == (12, 52)
+    assert (pipeline.face.config.step, pipeline.face.config.context) == (12, 52)
     assert pipeline.actions["stand"].seconds == pytest.approx(4.0)
     assert pipeline.actions["stand"].chunks == 10
 
@@ -150,15 +150,14 @@ async def test_unity_is_sent_whole_messages(in_threes: Path, voice: np.ndarray) 
     np.testing.assert_allclose(np.array(got[1]["audio"]), voice[STEP : 2 * STEP], atol=1e-4)
 
 
-def test_benches_count_in_its_chunks(pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_benches_count_in_its_chunks(pipeline: Pipeline, in_threes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sessions_bench, "WARM_UP_CHUNKS", 1)
     report = bench_stream(pipeline, seconds=0.8)
     assert report.summary["seconds"] == pytest.approx(0.8)
     assert report.summary["first_motion_ms"] > 400
     (load,) = bench_sessions(pipeline, (1,), seconds=1.0)
     assert load.sessions == 1
-    assert pipeline.face is not None
-    assert bench_face(pipeline.face.model, chunks=10, sessions=2)["face_ms_p50"] > 0
+    assert bench_face(load_bundle(in_threes).face, chunks=10, sessions=2)["face_ms_p50"] > 0
 
 
 def test_several_files_at_once_are_the_same_as_one(pipeline: Pipeline, voice: np.ndarray) -> None:

@@ -2,7 +2,7 @@ import pytest
 from lab.tests.recipes.test_paper import settings_of
 
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.tables import main, tokenizer_ablation, user_study
 from echoavatar_lab.tables.scale import PAPER, SCALES, TINY, GeneratorChoice

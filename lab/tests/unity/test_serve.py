@@ -35,7 +35,7 @@ CHAIN = Skeleton(
 
 
 class State:
-    def tensors(self):
+    def arrays(self):
         return []
 
     def rows(self, which):
@@ -65,9 +65,9 @@ class StandIn(FakePipeline):
         return members
 
     def step(self, audio, state, active, *, directive=None):
-        self.asked.append([] if directive is None else directive[0].nonzero().flatten().tolist())
+        self.asked.append([] if directive is None else np.flatnonzero(directive[0]).tolist())
         turns = np.tile(np.float32([1, 0, 0, 0]), (8, JOINTS, 1))
-        root = np.full((8, 3), float(audio.abs().max()), np.float32)
+        root = np.full((8, 3), float(np.abs(audio).max()), np.float32)
         return [MotionChunk(turns, root, np.zeros((8, 52), np.float32)) for _ in audio]
 
 

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
 
 from echoavatar.engine import Engine, EngineThread, SessionCore
 from echoavatar.engine.pipeline import Pipeline
+from echoavatar.nn.device import threads
 
 from .stream import resident_mb
 
@@ -64,7 +64,7 @@ def summary(loads: list[Load]) -> dict[str, object]:
     served = [load.sessions for load in loads if load.in_real_time]
     return {
         "sessions_in_real_time": max(served, default=0),
-        "threads": torch.get_num_threads(),
+        "threads": threads(),
         "loads": [load._asdict() for load in loads],
     }
 

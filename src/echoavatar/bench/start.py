@@ -27,8 +27,8 @@ def mark(name):
     global began
     now = time.perf_counter()
     marks[name], began = now - began, now
-import numpy, torch
-mark("torch")
+import numpy
+mark("numpy")
 import echoavatar.engine, echoavatar.files.exports
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.nn.kernels import compilations

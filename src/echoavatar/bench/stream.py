@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.engine.pipeline.pipeline import STAGES
+from echoavatar.nn.device import threads
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring buffer is full when timing starts
@@ -39,6 +39,8 @@ class StageTimer:
     def __call__(self, stage: str) -> None:
         """Record the end of a stage."""
         if self.is_cuda:
+            import torch
+
             torch.cuda.synchronize()
         now = time.perf_counter()
         self.stages[stage].append((now - self.last) * 1000)
@@ -61,9 +63,9 @@ def bench_stream(
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, workers=0)
     seats = [engine.open_core(seed=seat) for seat in range(sessions)]
-    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(is_cuda=pipeline.device.type == "cuda"), [], []
+    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(is_cuda=pipeline.device != "cpu"), [], []
     pipeline.on_stage = timer
-    warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
+    warm_up = FULL_WARM_UP_CHUNKS if pipeline.has_opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
     for index in range(chunks):
@@ -93,7 +95,7 @@ def bench_stream(
         "rss_mb_end": memory[-1],
         "seconds": float(len(counted) * chunk.seconds),
         "sessions": float(sessions),
-        "threads": float(torch.get_num_threads()),
+        "threads": float(threads()),
     }
     return StreamReport(rows, {key: round(value, 3) for key, value in summary.items()})
 

@@ -128,9 +128,9 @@ def _remove(args: argparse.Namespace, folder: Path) -> None:
 
 def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":
     """A bundle's actions and its chunk size, without loading its generator."""
-    from echoavatar.checkpoint import read_config
     from echoavatar.engine.pipeline.actions import ActionLibrary
     from echoavatar.models.generator import GeneratorConfig
+    from echoavatar.stored import read_config
     from echoavatar.timing import ChunkSize
 
     config = read_config(folder / "generator", GeneratorConfig)

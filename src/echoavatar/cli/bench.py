@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import statistics
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from .options import add_model, add_pipeline, progress
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
-    from echoavatar.models.generator.linear import Precision
+    from echoavatar.models.generator.config import Precision
 
 DEVELOPERS = {
     "neighbours": "how late an honest speaker is beside clients that misbehave",
@@ -100,18 +101,17 @@ def _models(parser: argparse.ArgumentParser) -> None:
         help="order of that generator; prefix: the paper's own, which prefills its window at every step; interleaved: "
         "only what is new; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
-    parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    parser.add_argument("--threads", type=int, help="threads that compute (default: as many as processors)")
 
 
 def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) -> "Pipeline":
     """The pipeline that the arguments of `_models` ask for."""
-    import torch
+    if args.threads:
+        os.environ["OMP_NUM_THREADS"] = str(args.threads)  # torch reads it when it is imported
 
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.engine.pipeline.bundle import with_random_generator
 
-    if args.threads:
-        torch.set_num_threads(args.threads)
     bundle = load_bundle(args.model).running(args.runtime).without(args.without)
     print(f"runtime: {bundle.runtime.label}")
     chosen = with_random_generator(bundle, args.sequence) if args.size == "paper" else bundle
@@ -186,7 +186,8 @@ def _face(args: argparse.Namespace) -> int:
 
     torch.set_num_threads(args.threads or torch.get_num_threads())
     bundle = load_bundle(args.model)
-    report = bench_face(bundle.face, ear=bundle.steps.get("face"), chunks=args.chunks, sessions=args.sessions)
+    ear = bundle.parts["face"].graph if bundle.face else None
+    report = bench_face(bundle.face, ear=ear, chunks=args.chunks, sessions=args.sessions)
     for key, value in report.items():
         print(f"{key:<20}{value:>10.3f}")
     print(json.dumps(report))

@@ -38,6 +38,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "prometheus_client": "serve",
     "pxr": "usd",
     "pyvirtualcam": "camera",
+    "torch": "torch",
     "ray": "ray",
     "shtab": "completion",
     "starlette": "serve",
@@ -73,6 +74,9 @@ def _python() -> list[Finding]:
 def _torch() -> list[Finding]:
     try:
         torch = importlib.import_module("torch")
+    except ModuleNotFoundError:
+        remark = "absent, for GPUs, models of the paper's sizes and imported ones; pip install 'echoavatar[torch]'"
+        return [(OPTIONAL, "torch", remark)]
     except (ImportError, OSError) as error:
         return [(BROKEN, "torch", f"does not load ({error}); pip install torch==2.13.0")]
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "none; the default bundle runs on the CPU"

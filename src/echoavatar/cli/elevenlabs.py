@@ -83,7 +83,7 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, Any]]:
     from echoavatar.engine.tools import Toolbox
 
     bundle = load_bundle(args.model)
-    return Toolbox(bundle.actions, Tracks(), has_manner=bundle.generator.config.manner).schemas()
+    return Toolbox(bundle.actions, Tracks(), has_manner=bundle.sizes.manner).schemas()
 
 
 def _names(schemas: list[dict[str, Any]]) -> tuple[list[str], list[str]]:

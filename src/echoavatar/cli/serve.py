@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="time for sessions to finish when the server is stopped (default: %(default)s)",
     )
-    parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    parser.add_argument("--threads", type=int, help="threads that compute (default: as many as processors)")
     parser.add_argument(
         "--log", choices=("text", "json"), default="text", help="form of log lines (default: %(default)s)"
     )
@@ -95,8 +95,6 @@ def run(args: argparse.Namespace) -> int:
         if len(args.sink) > 1:
             raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
         return int(command_module("serve unity").run(args))
-    import torch
-
     from echoavatar.engine import load
     from echoavatar.server import ServerSettings, create_app, serve
     from echoavatar.server.companion import who_talks
@@ -112,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     if args.log == "json":
         log_json()
     if args.threads:
-        torch.set_num_threads(args.threads)
+        os.environ["OMP_NUM_THREADS"] = str(args.threads)
     token, is_made_up = choose_token(args.token, args.host)
     settings = ServerSettings(
         token=token,

@@ -31,6 +31,6 @@ def run(args: argparse.Namespace) -> int:
 
     assert set(FORMS) == set(get_args(Style))
     bundle = load_bundle(args.model)
-    toolbox = Toolbox(bundle.actions, Tracks(args.music), has_manner=bundle.generator.config.manner)
+    toolbox = Toolbox(bundle.actions, Tracks(args.music), has_manner=bundle.sizes.manner)
     print(json.dumps(toolbox.schemas(cast(Style, args.format)), indent=2, ensure_ascii=False))
     return 0

@@ -125,7 +125,7 @@ class ActionScheduler:
         if act is None:
             return None
         edge = 0.7 if chunk in (act.begin, act.end - 1) and act.length > 2 else 1.0
-        return act.action.members(chunk - act.begin, act.length, codes).numpy() * np.float32(act.intensity * edge)
+        return act.action.members(chunk - act.begin, act.length, codes) * np.float32(act.intensity * edge)
 
     def overlay(self, chunk: int) -> Overlay | None:
         """The clip to lay on a chunk's motion, joined to that of the chunk before."""

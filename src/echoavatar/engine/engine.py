@@ -18,14 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
+from jaxtyping import Bool
 
 from echoavatar.errors import AdmissionError, EchoAvatarError
-from echoavatar.models.generator.linear import Precision
+from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.manner import TOLD
 from echoavatar.motion import homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.nn.device import threads
 
 from .audio_queue import QUEUE_SECONDS
 from .pipeline import Pipeline, load_bundle
@@ -54,10 +55,10 @@ class Engine:
 
         `rewind` is how many chunks a session can take back; each costs 0.4 MB with the default bundle.
 
-        `workers` threads step sessions side by side, each session by itself (default: as many as torch has threads, or
-        0 if the models are on a GPU; with more than one, torch computes each session in one thread). 0 steps all
-        sessions as one batch. A CPU spends as much on a row of a batch as on a row alone, and a batch would make a
-        session that is ready wait for the others; a GPU spends hardly more on a batch than on a row.
+        `workers` threads step sessions side by side, each session by itself (default: `nn.device.threads`, or 0 if the
+        models are on a GPU). 0 steps all sessions as one batch. A CPU spends as much on a row of a batch as on a row
+        alone, and a batch would make a session that is ready wait for the others; a GPU spends hardly more on a batch
+        than on a row.
 
         `reload` makes the pipeline anew for `restart`; without it, the same one goes on.
         """
@@ -79,14 +80,11 @@ class Engine:
         self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
         self.seats = seats  # how many sessions there can be
         self._look_ahead, self._rewind = look_ahead, rewind
-        own_workers = torch.get_num_threads() if pipeline.device.type == "cpu" else 0
+        own_workers = threads() if pipeline.device == "cpu" else 0
         self._workers = own_workers if workers is None else workers
         self.is_batched = self._workers == 0  # sessions are stepped together, and one more in a step costs hardly more
         self.workers = max(1, self._workers)  # threads that can make use of `work`
-        # Torch's thread count is a setting of each thread.
-        self._pool = (
-            ThreadPoolExecutor(self._workers, "worker", torch.set_num_threads, (1,)) if self._workers > 1 else None
-        )
+        self._pool = ThreadPoolExecutor(self._workers, "worker") if self._workers > 1 else None
         self._lock, self._awake = threading.RLock(), threading.Condition()
 
     @property
@@ -191,8 +189,8 @@ class Engine:
         pipeline = self._reload()
         state = pipeline.init_state(self.seats)
         try:
-            for new, old in zip(state.tensors(), self._state.tensors(), strict=True):
-                new.copy_(old)
+            for new, old in zip(state.arrays(), self._state.arrays(), strict=True):
+                new[:] = old
         except Exception as error:
             _LOG.exception("the states of the sessions are lost")
             for session in list(self._sessions.values()):
@@ -214,7 +212,6 @@ class Engine:
                 self._sessions[session.seat] = self._sessions.pop(session.seat)  # last among equals next time
         return ready
 
-    @torch.inference_mode()
     def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
         """The next chunk of one session; or of several, in one batch of all seats."""
         began = time.perf_counter()
@@ -250,8 +247,8 @@ class Engine:
     def _can_step(self) -> bool:
         """Whether the pipeline can make a chunk of silence."""
         try:
-            state, everyone = self.pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
-            self.pipeline.step(torch.zeros(1, self.chunk.samples), state, everyone)
+            silence, everyone = np.zeros((1, self.chunk.samples), np.float32), np.ones(1, np.bool_)
+            self.pipeline.step(silence, self.pipeline.init_state(1), everyone)
         except Exception:
             return False
         return True
@@ -259,22 +256,22 @@ class Engine:
     def _make(self, ready: list[SessionCore]) -> None:
         seats = slice(0, self.seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
         rows = seats.stop - seats.start
-        audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
-        members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
-        manner = torch.full((rows, len(TOLD)), torch.nan)
+        audio, active = np.zeros((rows, self.chunk.samples), np.float32), np.zeros(rows, np.bool_)
+        members, is_asked, forgets = np.zeros((rows, self._codes), np.float32), False, np.zeros(rows, np.bool_)
+        manner = np.full((rows, len(TOLD)), np.nan, np.float32)
         for session in ready:
             row = session.seat - seats.start
             if session.is_new:
-                own, this = self._state.rows(slice(session.seat, session.seat + 1)), torch.ones(1, dtype=torch.bool)
+                own, this = self._state.rows(slice(session.seat, session.seat + 1)), np.ones(1, np.bool_)
                 self.pipeline.reset(own, this, seed=session.seed, options=session.options)
                 session.is_new = False
             plan = session.begin_chunk(self._codes)
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
-            manner[row] = torch.from_numpy(plan.manner)
+            manner[row] = plan.manner
             if plan.members is not None:
-                members[row], is_asked = torch.from_numpy(plan.members), True
+                members[row], is_asked = plan.members, True
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
         try:
@@ -282,7 +279,7 @@ class Engine:
                 self.pipeline.restart_generator(state, forgets)
             told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
             told |= {"manner": manner} if self.pipeline.has_manner else {}
-            chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **told)
+            chunks = self.pipeline.step(audio, state, active, **told)
             undoing = [changes(before, state, s.seat - seats.start) if self._rewind else [] for s in ready]
         except Exception as fault:
             self._take_back(ready, state, before, active, fault)
@@ -292,7 +289,7 @@ class Engine:
                 session.end_chunk(chunks[session.seat - seats.start], patches)
 
     def _take_back(
-        self, ready: list[SessionCore], state: Any, before: list[torch.Tensor], active: torch.Tensor, fault: Exception
+        self, ready: list[SessionCore], state: Any, before: list[Any], active: Bool[np.ndarray, " b"], fault: Exception
     ) -> None:
         """Restore the rows of a step that failed half-way; sessions that cannot be restored are lost."""
         try:

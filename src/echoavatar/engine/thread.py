@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Self
 
-import torch
-
 from .engine import Engine
 
 _LOG = logging.getLogger(__name__)
@@ -80,8 +78,6 @@ class EngineThread:
         self.stop()
 
     def _run(self) -> None:
-        if self.engine.workers > 1:
-            torch.set_num_threads(1)  # of this thread
         while True:
             wakes = self.engine.wakes
             if self._stopping.is_set():

@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
-from jaxtyping import Bool
-from torch import Tensor
+from jaxtyping import Bool, Shaped
 
 from echoavatar.errors import CheckpointError
 
 from .state import StreamState
 
 WEIGHTS = "model.safetensors"
-_TYPES = {"tensor(float)": torch.float32, "tensor(double)": torch.float64, "tensor(int64)": torch.int64}
+_TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
 
 
 def graph_file(folder: Path) -> Path:
@@ -33,7 +31,7 @@ def graph_file(folder: Path) -> Path:
 class ExportedState(StreamState):
     """The past in the order of the graph's inputs."""
 
-    parts: list[Tensor]
+    parts: list[Shaped[np.ndarray, "b ..."]]
 
 
 class ExportedStep:
@@ -56,20 +54,22 @@ class ExportedStep:
 
     def init_state(self, rows: int) -> ExportedState:
         """Nothing seen yet."""
-        return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
+        return ExportedState([np.zeros((rows, *past.shape[1:]), _TYPES[past.type]) for past in self._past])
 
-    def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
+    def step(
+        self, x: Shaped[np.ndarray, "b ..."], state: StreamState, active: Bool[np.ndarray, " b"]
+    ) -> Shaped[np.ndarray, "b ..."]:
         """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void."""
-        rows = np.flatnonzero(active.numpy())
+        rows = np.flatnonzero(active)
         is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
         chosen = rows if is_part else slice(None)
-        past = [part.numpy() for part in state.tensors()]
+        past = list(state.arrays())
         given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
-        made, *new = self._session.run(None, given | {self._input.name: x.numpy()[chosen]})
+        made, *new = self._session.run(None, given | {self._input.name: x[chosen]})
         for part, value in zip(past, new, strict=True) if len(rows) else ():
             part[chosen] = value
         if is_part:
             whole = np.repeat(made[:1], len(active), 0)  # the next stage finds no fault in it
             whole[chosen] = made
             made = whole
-        return torch.from_numpy(made)
+        return made  # type: ignore[no-any-return]

@@ -1,55 +1,59 @@
-"""The past of a running module as a value. Loads no torch, so that the stages of motion need none."""
+"""The past of a running module as a value. Loads no torch."""
 
 import copy
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable, Iterator
+from typing import Any, Self
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool
-    from torch import Tensor
+from jaxtyping import Bool
 
 
 class StreamState:
-    """The past of a running module: a dataclass of tensors, arrays or nested states, rows (sessions) first.
+    """The past of a running module: a dataclass of arrays or nested states, rows (sessions) first.
 
-    All-zero must mean "nothing seen yet", so that resetting is zeroing.
+    Modules of torch keep tensors in it. All-zero must mean "nothing seen yet", so that resetting is zeroing.
     """
 
-    def tensors(self) -> "Iterator[Tensor]":
-        """Every tensor of the state, nested ones included, in a fixed order; an array as a tensor in its memory."""
-        import torch
-
+    def arrays(self) -> Iterator[Any]:
+        """Every array of the state, nested ones included, in a fixed order."""
         for value in vars(self).values():
             for part in value if isinstance(value, list) else [value]:
                 if isinstance(part, StreamState):
-                    yield from part.tensors()
+                    yield from part.arrays()
                 else:
-                    yield torch.from_numpy(part) if isinstance(part, np.ndarray) else part
+                    yield part
+
+    def mapped(self, change: Callable[[Any], Any]) -> Self:
+        """The same state with other arrays: what `change` makes of each, in the order of `arrays`."""
+        new = copy.copy(self)
+        vars(new).update({name: _mapped(value, change) for name, value in vars(self).items()})
+        return new
 
     def rows(self, which: slice) -> Self:
         """The state of some rows, as views: a step on them changes the whole state."""
-        part = copy.copy(self)
-        vars(part).update({name: _rows(value, which) for name, value in vars(self).items()})
-        return part
+        return self.mapped(lambda part: part[which])
 
-    def reset(self, rows: "Bool[Tensor, ' b']") -> None:
+    def reset(self, rows: Bool[np.ndarray, " b"]) -> None:
         """Forget everything in the chosen rows."""
-        for tensor in self.tensors():
-            tensor[rows] = 0
+        for part in self.arrays():
+            part[rows] = 0
 
-    def snapshot(self) -> "list[Tensor]":
-        """A copy of every tensor, for `restore`."""
-        return [tensor.clone() for tensor in self.tensors()]
+    def snapshot(self) -> list[Any]:
+        """A copy of every array, for `restore`."""
+        return [part.copy() if isinstance(part, np.ndarray) else part.clone() for part in self.arrays()]
 
-    def restore(self, snapshot: "list[Tensor]", rows: "Bool[Tensor, ' b']") -> None:
+    def restore(self, snapshot: list[Any], rows: Bool[np.ndarray, " b"]) -> None:
         """Put the chosen rows back to what they were at `snapshot`."""
-        for tensor, saved in zip(self.tensors(), snapshot, strict=True):
-            tensor[rows] = saved[rows]
+        for part, saved in zip(self.arrays(), snapshot, strict=True):
+            part[rows] = saved[rows]
+
+    def overwrite(self, rows: Bool[np.ndarray, " b"], source: Self) -> None:
+        """Make the chosen rows equal to the one row of `source`."""
+        for part, row in zip(self.arrays(), source.arrays(), strict=True):
+            part[rows] = row
 
 
-def _rows(value: Any, which: slice) -> Any:
+def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
     if isinstance(value, list):
-        return [_rows(part, which) for part in value]
-    return value.rows(which) if isinstance(value, StreamState) else value[which]
+        return [_mapped(part, change) for part in value]
+    return value.mapped(change) if isinstance(value, StreamState) else change(value)

@@ -6,17 +6,16 @@ codes.
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 from torch import Tensor
 
 from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.errors import AudioError
-from echoavatar.models.generator.stream import GeneratorStream
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import join
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
@@ -112,13 +111,13 @@ def candidates(
 def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"]) -> list[Performance]:
     """Turn codes into performances, one per row, through the live pipeline: decoder, face and all later stages."""
     rows, chunks = len(codes), codes.shape[1] // MOTION_TOKENS_PER_CHUNK
-    generator, everyone = pipeline.generator, torch.ones(len(codes), dtype=torch.bool)
+    generator, everyone = pipeline.generator, np.ones(len(codes), np.bool_)
     state = pipeline.init_state(rows)
     pipeline.reset(state, everyone, seed=0)
-    pipeline.generator = ScriptedGenerator(generator, codes)  # type: ignore[assignment]
+    pipeline.generator = ScriptedGenerator(codes.cpu().numpy())
     try:
-        audio = torch.from_numpy(sound[: chunks * CHUNK_SAMPLES].copy()).expand(rows, -1)
-        steps = [pipeline.step(block, state, everyone) for block in torch.split(audio, CHUNK_SAMPLES, 1)]
+        blocks = np.split(np.tile(sound[: chunks * CHUNK_SAMPLES], (rows, 1)), chunks, 1)
+        steps = [pipeline.step(block, state, everyone) for block in blocks]
     finally:
         pipeline.generator = generator
     whole = [join(list(row)) for row in zip(*steps, strict=True)]
@@ -130,11 +129,9 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
 class ScriptedGenerator:
     """Takes the place of a generator and returns codes that were sampled before, regardless of the sound."""
 
-    def __init__(self, like: GeneratorStream[Any], codes: Int[Tensor, "b n p q"]) -> None:
-        self.config, self._parts = like.config, iter(torch.split(codes, MOTION_TOKENS_PER_CHUNK, 1))
+    def __init__(self, codes: Int[np.ndarray, "b n p q"]) -> None:
+        self._parts = iter(np.split(codes, codes.shape[1] // MOTION_TOKENS_PER_CHUNK, 1))
 
-    def step(self, x: Tensor, state: object, active: Bool[Tensor, " b"], **how: object) -> Int[Tensor, "b n p q"]:
+    def step(self, *heard: object, **how: object) -> Int[np.ndarray, "b n p q"]:
         """The codes of the next chunk."""
-        del x, state, active, how
-        codes: Tensor = next(self._parts)
-        return codes
+        return next(self._parts)

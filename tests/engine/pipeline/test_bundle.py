@@ -61,7 +61,7 @@ def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> No
             book.normal_()
     layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8, parts=1)
     config = shipped.generator.config.model_copy(update={"layout": layout})
-    bundle = replace(shipped, tokenizer=whole, generator=Generator(config).eval(), actions=own_actions(whole))
+    bundle = replace(shipped.having(tokenizer=whole, generator=Generator(config).eval()), actions=own_actions(whole))
     (done,) = animate_many(Pipeline(bundle), [voice], seeds=[1])
     assert done.motion.frames == 60
     assert np.isfinite(done.motion.rotations).all()

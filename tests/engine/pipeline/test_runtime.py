@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 import echoavatar
 from echoavatar.engine import Engine, animate
@@ -83,10 +82,10 @@ def test_without_ours_a_body_in_silence_does_not_breathe(tiny_bundle):
     shown = {how: animate(Pipeline(bundle.running(how)), silence, seed=3).motion for how in ("paper", "idle")}
     breathing = [HUMANOID.index(name) for name in ("spine", "chest", "upperChest", "leftShoulder", "rightShoulder")]
     assert degrees(shown["paper"].rotations, shown["idle"].rotations)[:, HUMANOID.index("spine")].max() > 0.1
-    pipeline, one = Pipeline(bundle.running("paper")), torch.ones(1, dtype=torch.bool)
+    pipeline, one = Pipeline(bundle.running("paper")), np.ones(1, np.bool_)
     state = pipeline.init_state(1)
     pipeline.reset(state, one, seed=3)
-    bare = [pipeline.step(torch.zeros(1, CHUNK_SAMPLES), state, one)[0].rotations.copy() for _ in range(4)]
+    bare = [pipeline.step(np.zeros((1, CHUNK_SAMPLES), np.float32), state, one)[0].rotations.copy() for _ in range(4)]
     np.testing.assert_array_equal(np.concatenate(bare), shown["paper"].rotations)
     assert (degrees(np.concatenate(bare), shown["paper"].rotations)[:, breathing] == 0).all()  # exactly
 

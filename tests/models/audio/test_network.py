@@ -119,7 +119,7 @@ def test_gradients_pass_through_a_step():
     state = codec.init_state(3)
     codec.latents(torch.randn(3, 3_200), state, ALL).square().mean().backward()
     assert all(parameter.grad is not None for parameter in codec.encoder.parameters())
-    assert not any(tensor.requires_grad for tensor in state.tensors())
+    assert not any(tensor.requires_grad for tensor in state.arrays())
 
 
 def test_shortest_start_is_seven_frames_with_reflections():

@@ -1,84 +1,85 @@
-"""Sessions of one batch do not see each other in the compiled frame loop; that it is the model: test_decoder."""
+"""The compiled frame loop of a face is its model; sessions of one batch do not see each other."""
 
+import numpy as np
+import pytest
 import torch
 from tests.models.face.tiny import CONFIG, make
 
+from echoavatar.errors import CheckpointError
+from echoavatar.models.face import FaceModel
 from echoavatar.models.face.decoder import FrameDecoder
 
 
-@torch.no_grad()
-def test_a_session_alone_gets_the_face_that_it_gets_in_company():
-    model = make(CONFIG).float()
-    decoder, schedule = FrameDecoder(model), model.head.schedule(2)
-    random = torch.Generator().manual_seed(1)
-    sound, noise = (torch.randn(40, 8, CONFIG.width, generator=random), torch.randn(40, 8, 52, generator=random))
+def drawn(seed: int, rows: int, frames: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """What frames hear, and noise."""
+    random = np.random.default_rng(seed)
+    sizes = (rows, frames, CONFIG.width), (rows, frames, 52)
+    heard, noise = (random.standard_normal(size, np.float32) for size in sizes)
+    return heard, noise
 
-    def frames(rows: slice) -> torch.Tensor:
+
+def tiny(steps: int = 2, guidance: float = CONFIG.guidance) -> FaceModel:
+    return make(CONFIG.model_copy(update={"sampling_steps": steps, "guidance": guidance})).float()
+
+
+def test_a_session_alone_gets_the_face_that_it_gets_in_company():
+    decoder, (sound, noise) = tiny().frames(), drawn(1, 40)
+
+    def frames(rows: slice) -> np.ndarray:
         heard = sound[rows]
-        state, active = model.gpt.init_state(len(heard)), torch.ones(len(heard), dtype=torch.bool)
-        return torch.from_numpy(decoder.run(state, heard, active, noise[rows], schedule))
+        return decoder.step(heard, decoder.init_state(len(heard)), np.ones(len(heard), np.bool_), noise[rows])
 
     together = frames(slice(None))
     for row in (0, 1, 17, 39):
-        assert torch.equal(frames(slice(row, row + 1))[0], together[row])
-    assert (together[0] - together[1]).abs().max() > 0.01
+        np.testing.assert_array_equal(frames(slice(row, row + 1))[0], together[row])
+    assert np.abs(together[0] - together[1]).max() > 0.01
 
 
 @torch.no_grad()
-def test_the_frame_loop_is_the_model_read_as_a_whole():
-    """Eight frames from an empty ring: each is what backbone and head say of everything before it."""
-    model = make(CONFIG.model_copy(update={"guidance": 1.7})).float()
-    gpt, head = model.gpt, model.head
-    generator = torch.Generator().manual_seed(3)
-    sound = torch.randn(2, 8, CONFIG.width, generator=generator)
-    noise = torch.randn(2, 8, 52, generator=generator)
-    schedule = head.schedule(3)
-    state = gpt.init_state(2)
-    active = torch.ones(2, dtype=torch.bool)
-    frames = torch.from_numpy(FrameDecoder(model).run(state, sound, active, noise, schedule))
+@pytest.mark.parametrize(("frames", "steps", "guidance"), [(8, 3, 1.7), (8, 1, 1.0), (48, 2, 2.0)])
+def test_the_frame_loop_is_the_model_read_as_a_whole(frames, steps, guidance):
+    """Each frame is what backbone and head say of everything before it; 48 of them go round a ring of 12 slots."""
+    model = tiny(steps, guidance)
+    decoder, (sound, noise), active = model.frames(), drawn(3, 2, frames), np.array([True, True])
+    state = decoder.init_state(2)
+    chunks = [slice(first, first + 8) for first in range(0, frames, 8)]
+    parts = [decoder.step(sound[:, chunk], state, active, noise[:, chunk]) for chunk in chunks]
+    made = torch.from_numpy(np.concatenate(parts, 1))
+    np.testing.assert_array_equal(state.last, made[:, -1])
+    assert state.seen.tolist() == [frames, frames]
 
-    motion = torch.zeros(2, 1, 52)
-    for i in range(8):
-        blank = gpt(motion, torch.zeros_like(sound[:, : i + 1]))[:, -1]
-        full = gpt(motion, sound[:, : i + 1])[:, -1]
-        wanted = head.sample(torch.stack([blank, full], 1), noise[:, i], schedule, guidance=1.7)
-        torch.testing.assert_close(frames[:, i], wanted, atol=1e-4, rtol=1e-4)
-        motion = torch.cat([motion, wanted[:, None]], 1)
-
-
-@torch.no_grad()
-def test_a_ring_that_went_round_is_the_model_read_as_a_whole():
-    """48 frames in a ring of 12 slots."""
-    model = make(CONFIG).float()
-    gpt, decoder, schedule = model.gpt, FrameDecoder(model), model.head.schedule(2)
-    generator = torch.Generator().manual_seed(4)
-    sound = torch.randn(1, 48, CONFIG.width, generator=generator)
-    noise = torch.randn(1, 48, 52, generator=generator)
-    state, active = gpt.init_state(1), torch.ones(1, dtype=torch.bool)
-    parts = []
-    for i in range(0, 48, 8):
-        frames = decoder.run(state, sound[:, i : i + 8], active, noise[:, i : i + 8], schedule)
-        parts.append(torch.from_numpy(frames))
-        gpt.commit(state, parts[-1], sound[:, i : i + 8], active)
-    made = torch.cat(parts, 1)
-    motion = torch.cat([torch.zeros(1, 1, 52), made[:, :-1]], 1)
-    branches = [gpt(motion, heard) for heard in (torch.zeros_like(sound), sound)]
-    for i in range(48):
+    heard, schedule = torch.from_numpy(sound), model.head.schedule(steps)
+    motion = torch.cat([torch.zeros(2, 1, 52), made[:, :-1]], 1)
+    branches = [model.gpt(motion, each) for each in (torch.zeros_like(heard), heard)]
+    for i in range(frames):
         condition = torch.stack([branch[:, i] for branch in branches], 1)
-        wanted = model.head.sample(condition, noise[:, i], schedule, guidance=CONFIG.guidance)
+        wanted = model.head.sample(condition, torch.from_numpy(noise[:, i]), schedule, guidance=guidance)
         torch.testing.assert_close(made[:, i], wanted, atol=1e-4, rtol=1e-4)
 
 
-@torch.no_grad()
 def test_idle_rows_keep_their_ring_and_get_nothing():
-    model = make(CONFIG).float()
-    state = model.gpt.init_state(2)
-    state.ring.normal_()
-    before = state.ring.clone()
-    sound, noise = torch.randn(2, 8, CONFIG.width), torch.randn(2, 8, 52)
-    active = torch.tensor([False, True])
-    frames = FrameDecoder(model).run(state, sound, active, noise, model.head.schedule(1))
-    assert torch.equal(state.ring[0], before[0])
-    assert not torch.equal(state.ring[1], before[1])
+    decoder, (sound, noise) = tiny(1).frames(), drawn(5, 2)
+    state = decoder.init_state(2)
+    state.ring[:] = np.random.default_rng(6).standard_normal(state.ring.shape)
+    before = state.ring.copy()
+    frames = decoder.step(sound, state, np.array([False, True]), noise)
+    np.testing.assert_array_equal(state.ring[0], before[0])
+    assert state.seen.tolist() == [0, 8]
+    assert not np.array_equal(state.ring[1], before[1])
     assert not frames[0].any()
     assert frames[1].any()
+
+
+def test_weights_that_do_not_fit_are_named_before_the_loop_reads_beyond_them():
+    weights = tiny().arrays()
+    for name in ("gpt.blocks.1.attn.qkv.weight", "head.mlps.0.fc2.bias", "gpt.blocks.0.attn.bias"):
+        with pytest.raises(CheckpointError, match=rf"{name} is \(\d+.*\), wanted"):
+            FrameDecoder(CONFIG, {**weights, name: weights[name][1:]})
+        with pytest.raises(CheckpointError, match=f"{name} is missing"):
+            FrameDecoder(CONFIG, {other: weight for other, weight in weights.items() if other != name})
+
+
+def test_an_ear_of_another_width_is_refused():
+    decoder, (sound, noise) = tiny().frames(), drawn(7, 1)
+    with pytest.raises(CheckpointError, match=r"gives \(1, 8, 15\), wanted \(1, 8, 16\)"):
+        decoder.step(sound[..., 1:], decoder.init_state(1), np.ones(1, np.bool_), noise)

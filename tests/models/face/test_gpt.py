@@ -58,23 +58,6 @@ def make(memory: str) -> FaceGpt:
     return FaceGpt(CONFIG.model_copy(update={"memory": memory})).double().eval()
 
 
-@pytest.mark.parametrize("memory", ["ring", "window"])
-def test_the_state_has_one_size_for_ever(memory):
-    gpt = make(memory)
-    state, active = gpt.init_state(2), torch.ones(2, dtype=torch.bool)
-    shapes = [tensor.shape for tensor in state.tensors()]
-    features = torch.randn(2, state.sound.shape[1] + 8, 8).double()
-    frames = torch.randn(2, 8, 52).double()
-    if memory == "window":  # the ring's frames come from `FrameDecoder`
-        run = gpt.begin(state, gpt.sound_proj(features))
-        for i in range(8):
-            gpt.next(run, frames[:, i], gpt.sound_proj(features)[:, i - 8])
-    gpt.commit(state, frames, features, active)
-    assert [tensor.shape for tensor in state.tensors()] == shapes
-    assert state.seen.tolist() == [8, 8]
-    assert torch.equal(state.motion[:, -1], frames[:, -1])
-
-
 @torch.no_grad()
 @pytest.mark.parametrize(("memory", "depth"), [("ring", 23), ("window", 63)])
 def test_how_far_back_a_condition_depends_on_motion(memory, depth):

@@ -45,7 +45,7 @@ class Seeded:
         return self.stream.init_state(rows)
 
     def step(self, x: torch.Tensor, state: FaceState, active: torch.Tensor) -> torch.Tensor:
-        return self.stream.step(x, state, active, 100 + torch.arange(len(x)))
+        return torch.from_numpy(self.stream.step(x.numpy(), state, active.numpy(), 100 + np.arange(len(x))))
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
         return self.step(x, self.init_state(len(x)), torch.ones(len(x), dtype=torch.bool))

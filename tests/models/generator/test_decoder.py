@@ -52,7 +52,7 @@ def test_the_captured_step_draws_the_codes_of_plain_calls(sequence, is_steered):
         )
         assert torch.equal(captured[active], plain[active])
     assert len(streams[1]._decoder._graphs._graphs) > 0
-    for one, other in zip(*(state.tensors() for state in states), strict=True):
+    for one, other in zip(*(state.arrays() for state in states), strict=True):
         assert torch.equal(one, other)
 
 
@@ -135,7 +135,7 @@ def test_a_primed_stream_goes_on_as_if_it_had_drawn_and_a_snapshot_undoes_a_chun
     assert torch.equal(stream.step(x[:, 100:], state, EVERYONE, seeds=seeds), own)
     idle = stream.init_state(2)
     stream.prime(x[:, :20], past[:, :2], idle, torch.tensor([True, False]))
-    for used, new in zip(idle.rows(slice(1, 2)).tensors(), stream.init_state(1).tensors(), strict=True):
+    for used, new in zip(idle.rows(slice(1, 2)).arrays(), stream.init_state(1).arrays(), strict=True):
         assert torch.equal(used, new)
 
 
@@ -172,6 +172,6 @@ def test_a_captured_frame_draws_what_a_plain_one_does():
 
     decoder = stream._decoder
     decoder._frames = GraphCache(
-        decoder._frame, lambda rings: [t for ring in rings for t in ring.tensors()], capture=capture
+        decoder._frame, lambda rings: [t for ring in rings for t in ring.arrays()], capture=capture
     )
     assert torch.equal(greedy(stream, x), plain)

@@ -8,7 +8,8 @@ from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.manner import MANNER, TOLD, Manner, MannerControl, busy, draw_manner, raised
+from echoavatar.models.generator.manner import MANNER, TOLD, Manner, busy, draw_manner, raised
+from echoavatar.models.generator.manner_control import MannerControl
 from echoavatar_lab.models.generator.sequences import build_sequences, code_logits, read
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip

@@ -64,9 +64,9 @@ def test_seeds_change_the_motion_and_the_same_seed_repeats_it():
 def test_the_size_of_the_state_is_constant():
     stream = open_stream(generator())
     state, one = stream.init_state(1), torch.ones(1, dtype=torch.bool)
-    sizes = [t.shape for t in state.tensors()]
+    sizes = [t.shape for t in state.arrays()]
     stream.step(audio(1, 200), state, one)
-    assert [t.shape for t in state.tensors()] == sizes
+    assert [t.shape for t in state.arrays()] == sizes
 
 
 @pytest.mark.parametrize("precision", ["bfloat16", "int8"])
@@ -90,7 +90,7 @@ def test_a_stream_primed_with_what_it_generated_goes_on_as_if_it_had_generated_i
     assert torch.equal(stream.step(x[:, 100:], told, everyone, seeds=seeds), own)
     idle = stream.init_state(2)
     stream.prime(x[:, :20], past[:, :2], idle, torch.tensor([True, False]))
-    for used, new in zip(idle.rows(slice(1, 2)).tensors(), stream.init_state(1).tensors(), strict=True):
+    for used, new in zip(idle.rows(slice(1, 2)).arrays(), stream.init_state(1).arrays(), strict=True):
         assert torch.equal(used, new)
 
 

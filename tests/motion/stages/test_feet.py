@@ -254,7 +254,7 @@ def test_idle_rows_stay_untouched() -> None:
     state = feet.init_state(2)
     both = np.concatenate([rotations] * 2), np.concatenate([root] * 2)
     step(feet, *both, state, np.array([True, False]))
-    assert all(not tensor[1].any() for tensor in state.tensors())
+    assert all(not tensor[1].any() for tensor in state.arrays())
 
 
 def test_a_rig_without_feet_is_passed_through() -> None:

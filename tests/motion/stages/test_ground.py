@@ -130,6 +130,6 @@ def test_idle_rows_do_not_move_and_neighbours_do_not_matter() -> None:
     state = ground.init_state(2)
     both = (np.concatenate([rotations] * 2), np.concatenate([travel] * 2))
     first = step(ground, *both, state, np.array([True, False]))
-    assert all(not tensor[1].any() for tensor in state.tensors())
+    assert all(not tensor[1].any() for tensor in state.arrays())
     alone = step(ground, rotations, travel, ground.init_state(1))
     assert np.array_equal(first[:1], alone)

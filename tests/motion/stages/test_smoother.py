@@ -167,7 +167,7 @@ def test_idle_rows_stay_untouched() -> None:
     smoother = Smoother(2)
     state = smoother.init_state(2)
     step(smoother, np.concatenate([about_x(np.ones(8))] * 2), state, np.array([True, False]))
-    assert all(not tensor[1].any() for tensor in state.tensors())
+    assert all(not tensor[1].any() for tensor in state.arrays())
 
 
 FPS = 30.0

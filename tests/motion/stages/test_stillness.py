@@ -138,7 +138,7 @@ def test_a_row_that_is_not_active_keeps_its_state_and_its_pose():
     before, part = state.snapshot(), moves[:, 60:68].copy()
     stage.step(Pose(part, np.zeros((1, 8, 3), np.float32), 30.0), state, ~everyone(1))
     assert np.array_equal(part, moves[:, 60:68])
-    assert all(bool((now == then).all()) for now, then in zip(state.tensors(), before, strict=True))
+    assert all(bool((now == then).all()) for now, then in zip(state.arrays(), before, strict=True))
 
 
 def test_a_rig_without_arms_is_left_as_it_is():

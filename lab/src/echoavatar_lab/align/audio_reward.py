@@ -29,6 +29,7 @@ from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import FeatureStatistics
 from echoavatar.nn import FullBlock
+from echoavatar.stored import read_config
 from echoavatar.timing import (
     FRAMES_PER_MOTION_TOKEN,
     SAMPLE_RATE_HZ,
@@ -229,7 +230,7 @@ class AudioMotion(checkpoint.Checkpointed):
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read a checkpoint folder. Raises CheckpointError if the folder holds no alignment reward."""
-        config = checkpoint.read_config(folder, AudioMotionConfig)
+        config = read_config(folder, AudioMotionConfig)
         weights = checkpoint.read_weights(folder)
         sound, motion = (
             tuple(weights[name].shape[:-1]) if name in weights else (1,) * few

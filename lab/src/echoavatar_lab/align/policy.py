@@ -110,7 +110,7 @@ class GeneratorPolicy:
         active = torch.ones(rows * group, dtype=torch.bool, device=device)
         if heard:
             stream.prime(prompts.audio[:, :border], prompts.past, read, active[:rows])  # type: ignore[arg-type]
-        for mine, shared in zip(state.tensors(), read.tensors(), strict=True):
+        for mine, shared in zip(state.arrays(), read.arrays(), strict=True):
             mine.copy_(shared.repeat_interleave(group, 0))
         sound = prompts.audio[:, border:].repeat_interleave(group, 0)
         return stream.step(sound, state, active, seeds=seeds)  # type: ignore[arg-type]

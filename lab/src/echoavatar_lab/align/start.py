@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from echoavatar.checkpoint import read_card
 from echoavatar.engine.pipeline import Bundle, load_bundle
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.stored import read_card
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip

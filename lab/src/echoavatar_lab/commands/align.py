@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
-from echoavatar.checkpoint import read_card
 from echoavatar.cli.options import seed
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
+from echoavatar.stored import read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab import paper
 from echoavatar_lab.align.compare import as_markdown, compare, draw_run, over_seeds

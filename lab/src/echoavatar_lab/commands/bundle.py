@@ -54,11 +54,11 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False, has_graphs: b
     A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made. Raises
     EchoAvatarError if a part is missing or damaged.
     """
-    from echoavatar.checkpoint import read_card
     from echoavatar.models.audio import AudioCodec
     from echoavatar.models.face import FaceModel
     from echoavatar.models.generator import Generator
     from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.stored import read_card
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]

@@ -112,8 +112,8 @@ def run(args: argparse.Namespace) -> int:
     """Make what is missing, then print and write the table."""
     from tqdm import tqdm
 
-    from echoavatar.engine.pipeline.pipeline import find_device
     from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar.nn.device import find_device
     from echoavatar_lab.held_folder import hold_folder
     from echoavatar_lab.tables.experiment import Experiment, Sources
     from echoavatar_lab.tables.scale import SCALES

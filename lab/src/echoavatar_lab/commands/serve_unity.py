@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import contextlib
+import os
 import sys
 
 from echoavatar.errors import EchoAvatarError
@@ -10,8 +11,6 @@ from echoavatar.errors import EchoAvatarError
 
 def run(args: argparse.Namespace) -> int:
     """Serve one session whose motion goes to a Unity project in its own format."""
-    import torch
-
     from echoavatar.engine import Engine
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.server.sinks import parse_address
@@ -19,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
 
     address = parse_address(args.sink[0])
     if args.threads:
-        torch.set_num_threads(args.threads)
+        os.environ["OMP_NUM_THREADS"] = str(args.threads)
     settings = UnitySettings(
         host=args.host,
         audio_port=args.audio_port,

@@ -11,7 +11,7 @@ from echoavatar.config import Config
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups

@@ -12,13 +12,13 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
 from echoavatar.models.fingers import FingerConfig, FingerModel
 from echoavatar.models.fingers.clips import FingerClip, finger_clip
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion
+from echoavatar.stored import read_card
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.evaluation.fingers import measure_fingers
@@ -89,7 +89,7 @@ def _train_fingers(given: Given) -> None:
     tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_moving.all()]
     if tests:
         scores = measure_fingers(model, tests)
-        model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
+        model.save(args.output, read_card(args.output) | {"scores": scores})
 
 
 def _clips(source: Path, split: str, frames: int) -> Iterator[FingerClip]:
@@ -133,7 +133,7 @@ def _train_fid_encoder(given: Given) -> None:
     scores = {"explained_train": round(explained_variance(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
         scores["explained_test"] = round(explained_variance(model, tests), 4)
-    model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
+    model.save(args.output, read_card(args.output) | {"scores": scores})
 
 
 def _features(corpus: Corpus, split: str) -> list[Tensor]:

@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
@@ -104,15 +103,13 @@ def held_out_tracks(count: int) -> list[SoundTrack]:
     return [compose_track(4_711 + index, 30.0, mix="speech", split="test") for index in range(count)]
 
 
-@torch.inference_mode()
 def animate_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int) -> Float[np.ndarray, "t 52"]:
     """Face curves for a whole recording (24 kHz mono), with level control as in the pipeline."""
-    step = stream.model.config.step * SAMPLES_PER_FRAME
+    step = stream.config.step * SAMPLES_PER_FRAME
     padded = np.pad(audio, (0, -len(audio) % step)).astype(np.float32)
-    heard = LevelControl()(torch.from_numpy(padded)[None])
-    state, active = stream.init_state(1), torch.ones(1, dtype=torch.bool)
-    curves = stream.step(heard, state, active, torch.tensor([seed]))
-    return np.asarray(curves[0, : -(-len(audio) // SAMPLES_PER_FRAME)].numpy())
+    heard = LevelControl()(padded[None])
+    curves = stream.step(heard, stream.init_state(1), np.ones(1, np.bool_), np.array([seed]))
+    return np.asarray(curves[0, : -(-len(audio) // SAMPLES_PER_FRAME)])
 
 
 def opening(curves: Float[np.ndarray, "t 52"]) -> Opening:
@@ -173,7 +170,6 @@ def _motion(openings: Sequence[Opening], where: Sequence[Bool[np.ndarray, " t"]]
 
 
 def _envelope_pearson(mouth: Opening, audio: Float[np.ndarray, " s"]) -> float:
-    whole = torch.from_numpy(audio[: len(audio) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME].astype(np.float32))
-    loud = frame_loudness(whole[None])[0].numpy()
+    loud = frame_loudness(audio[None, : len(audio) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME])[0]
     smooth = [gaussian_filter1d(curve[: len(loud)].astype(float), 2.0) for curve in (mouth, loud)]
     return float(np.corrcoef(*smooth)[0, 1])

@@ -125,8 +125,6 @@ def read_feelings(
 
 def mean_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Float[np.ndarray, " 52"]:
     """Curves as a session shows them at rest, averaged over the frames of speech."""
-    import torch
-
     audio = np.pad(audio, (0, -len(audio) % CHUNK_SAMPLES)).astype(np.float32)
     curves, expression = animate_face(stream, audio, seed=seed), Expression()
     made = []
@@ -134,7 +132,7 @@ def mean_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int =
         face = curves[number * CHUNK_FRAMES : (number + 1) * CHUNK_FRAMES]
         motion = MotionChunk(np.zeros((CHUNK_FRAMES, 1, 4), np.float32), np.zeros((CHUNK_FRAMES, 3), np.float32), face)
         made.append(np.asarray(expression.apply(number, motion).face))
-    loud = frame_loudness(torch.from_numpy(audio)[None])[0].numpy()
+    loud = frame_loudness(audio[None])[0]
     return np.asarray(np.concatenate(made)[loud > loud.max() - QUIET].mean(0))
 
 

@@ -7,8 +7,8 @@ import json
 from datetime import UTC, datetime
 from pathlib import Path
 
-from echoavatar.checkpoint import read_card
 from echoavatar.errors import EchoAvatarError
+from echoavatar.stored import read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data.corpus import checksum
 

@@ -9,7 +9,7 @@ import io
 import itertools
 import pickletools
 import zipfile
-from collections.abc import Iterator, Sized
+from collections.abc import Iterator, Mapping, Sized
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from echoavatar.checkpoint import check_numbers
 from echoavatar.errors import CheckpointError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file, read_bytes
@@ -85,6 +84,19 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     named = {str(name): value for name, value in tensors.items()}
     check_numbers(path, named)
     return named
+
+
+def check_numbers(path: Path, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that are complex, infinite or not a number.
+
+    Raises CheckpointError if some are; the first is named.
+    """
+    for key, value in weights.items():
+        is_number = not value.is_complex()
+        if value.is_floating_point() and value.numel():
+            is_number = all(map(torch.isfinite, value.float().aminmax()))
+        if not is_number:
+            raise CheckpointError(f"{path} is damaged ({key[:80]} holds what is no number); copy or download it again")
 
 
 CountedT = TypeVar("CountedT", bound=Sized)

@@ -5,18 +5,17 @@ weights stay where they are: the graph reads them from the checkpoint's `model.s
 they are stored there, and the runtime makes them float32 once, when it loads them.
 """
 
-import copy
 import json
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from echoavatar.checkpoint import read_config
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
@@ -25,6 +24,7 @@ from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.nn import StreamState
 from echoavatar.nn.exported import ExportedStep, graph_file
+from echoavatar.stored import read_config
 from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.whole_file import write_whole
 
@@ -44,20 +44,10 @@ class _Step(nn.Module):
 
     def forward(self, x: Tensor, past: list[Tensor]) -> tuple[Tensor, ...]:
         """The step's output, then the new state."""
-        state = _with_tensors(self._state, iter([part.clone() for part in past]))
+        given = iter([part.clone() for part in past])
+        state = self._state.mapped(lambda _: next(given))
         made = self._step(x, state, torch.ones(x.shape[0], dtype=torch.bool))
-        return (made, *state.tensors())
-
-
-def _with_tensors(state: Any, tensors: Iterator[Tensor]) -> Any:
-    """The same state with other tensors, taken in their order."""
-    if isinstance(state, Tensor):
-        return next(tensors)
-    if isinstance(state, list):
-        return [_with_tensors(part, tensors) for part in state]
-    new = copy.copy(state)
-    vars(new).update({name: _with_tensors(part, tensors) for name, part in vars(state).items()})
-    return new
+        return (made, *state.arrays())
 
 
 def export_bundle(folder: Path) -> None:
@@ -121,7 +111,7 @@ def export_step(
     except ModuleNotFoundError as error:
         raise DependencyError("graphs need onnx and onnxscript: pip install onnx onnxscript") from error
     state, rows = init_state(len(x)), {0: torch.export.Dim("rows", min=1, max=4096)}
-    past = list(state.tensors())
+    past = list(state.arrays())
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of torch about itself
         program = torch.onnx.export(
@@ -160,11 +150,11 @@ def _compare(
     x: Tensor,
 ) -> None:
     """Raise EchoAvatarError if a few steps differ."""
-    own, other, everyone = init_state(len(x)), exported.init_state(len(x)), torch.ones(len(x), dtype=torch.bool)
+    own, other, everyone = init_state(len(x)), exported.init_state(len(x)), np.ones(len(x), np.bool_)
     for _ in range(3):
         with torch.no_grad():
-            wanted, made = step(x, own, everyone), exported.step(x, other, everyone)
-        error = float((made.double() - wanted.double()).abs().max())
+            wanted, made = step(x, own, torch.from_numpy(everyone)), exported.step(x.numpy(), other, everyone)
+        error = float(np.abs(made.astype(np.float64) - wanted.numpy()).max())
         if not error <= TOLERANCE:
             raise EchoAvatarError(f"the graph is off by {error:.2g} from its module; try another version of torch")
 

@@ -16,15 +16,15 @@ from torch.nn.modules.module import (
 )
 from torch.nn.utils import parametrize
 
-from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file, read_bytes
 from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.audio.network import CODE_LAYERS
+from echoavatar.models.audio.codec_config import CODE_LAYERS
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.generator.model import Generator
+from echoavatar.stored import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.foreign_files import check_torch_file
 

@@ -189,11 +189,10 @@ def audio_codes(
     control.
     """
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
-    heard = torch.from_numpy(audio[None, :usable].copy())
+    heard = audio[None, :usable].copy()
     if is_leveled:
-        level = LevelControl()
-        heard = level.step(heard, level.init_state(1), torch.ones(1, dtype=torch.bool))
-    return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
+        heard = LevelControl()(heard)
+    return codec.encode(torch.from_numpy(heard).to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
 
 
 def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:

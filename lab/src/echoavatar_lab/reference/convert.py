@@ -14,7 +14,8 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
 from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import make_output_folder, write_whole
 

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import MotionTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 
 Shape = tuple[int, ...]
 Shapes = dict[str, Shape]

@@ -13,13 +13,13 @@ from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from echoavatar.checkpoint import check_numbers, check_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import TokenLayout
-from echoavatar_lab.foreign.foreign_files import want_few
+from echoavatar.stored import check_weights
+from echoavatar_lab.foreign.foreign_files import check_numbers, want_few
 
 REFERENCE_LAYOUT = TokenLayout(
     audio_layers=2,

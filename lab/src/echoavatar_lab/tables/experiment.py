@@ -17,7 +17,8 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
 
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
@@ -50,7 +49,8 @@ def live_motion(
     A generator with lookahead is given the whole sounds beforehand.
     """
     own = Runtime(level_control=generator.config.is_leveled)
-    bundle = Bundle(name, codec, tokenizer, generator.eval(), {}, runtime=own).running(runtime)
+    parts = {"codec": codec, "tokenizer": tokenizer, "generator": generator.eval()}
+    bundle = Bundle.of(name, own, **parts).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
     pipeline = LookaheadPipeline(bundle, sounds, device=device) if hears_ahead else Pipeline(bundle, device=device)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)
@@ -93,7 +93,7 @@ def decoded_motion(
 class LookaheadState(PipelineState):
     """A `PipelineState` and the number of chunks that each row has had."""
 
-    chunks: Int[Tensor, " b"]
+    chunks: Int[np.ndarray, " b"]
 
 
 class LookaheadPipeline(Pipeline):
@@ -102,30 +102,28 @@ class LookaheadPipeline(Pipeline):
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""
         super().__init__(bundle, device=device)
-        self._ahead, self._whole = bundle.generator.config.ahead_chunks, bundle.codec
+        self._ahead, self._whole = bundle.sizes.ahead_chunks, bundle.codec
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
         self._warm_row()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
-    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
+    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f l"]:
         """The codes that the generator gets, from the lead-in silence before the sound on."""
         padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
-        codes = torch.from_numpy(
-            audio_codes(self._whole, np.pad(sound, padding), is_leveled=self.level is not None)
-        ).long()
+        codes = audio_codes(self._whole, np.pad(sound, padding), is_leveled=self.level is not None).astype(np.int64)
         return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
 
     def init_state(self, rows: int) -> LookaheadState:
         """Sessions that have heard nothing."""
-        return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
+        return LookaheadState(**vars(super().init_state(rows)), chunks=np.zeros(rows, np.int64))
 
     def encode_audio(
-        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b f l"]:
+        self, level: Float[np.ndarray, "b s"], state: PipelineState, active: Bool[np.ndarray, " b"]
+    ) -> Int[np.ndarray, "b f l"]:
         """Codes of each row's sound `ahead_chunks` later; the sound that is pushed is not used."""
         assert isinstance(state, LookaheadState)
-        codes = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self._whole.codebooks.shape[0], dtype=torch.int64)
-        for row in torch.nonzero(active).flatten().tolist():
+        codes = np.zeros((len(level), AUDIO_FRAMES_PER_CHUNK, self._whole.codebooks.shape[0]), np.int64)
+        for row in np.flatnonzero(active):
             first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
             codes[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]
             state.chunks[row] += 1

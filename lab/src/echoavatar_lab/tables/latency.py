@@ -21,8 +21,10 @@ from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.face import FaceConfig, FaceModel
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.nn.device import threads
 from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import body_config
@@ -37,7 +39,7 @@ def hardware(device: str) -> str:
     """The name of the GPU, or of the processor with its cores."""
     if device.startswith("cuda"):
         return torch.cuda.get_device_name(device)
-    return f"{_processor()} ({torch.get_num_threads()} of {os.cpu_count()} cores)"
+    return f"{_processor()} ({threads()} of {os.cpu_count()} cores)"
 
 
 def _processor() -> str:
@@ -87,14 +89,13 @@ def random_bundle(sizes: PaperSizes) -> Bundle:
 
     Raises DependencyError: transformers, which has HuBERT, is not installed.
     """
-    return Bundle(
+    return Bundle.of(
         "paper's sizes, random weights",
-        AudioCodec(sizes.codec).eval(),
-        BodyTokenizer(sizes.tokenizer).eval(),
-        Generator(sizes.generator).eval(),
-        {},
+        Runtime(level_control=False),
+        codec=AudioCodec(sizes.codec).eval(),
+        tokenizer=BodyTokenizer(sizes.tokenizer).eval(),
+        generator=Generator(sizes.generator).eval(),
         face=FaceModel(sizes.face).eval(),
-        runtime=Runtime(level_control=False),
     )
 
 
@@ -109,7 +110,7 @@ def make(experiment: Experiment) -> Table:
     columns = (
         Column("h200", "NVIDIA H200, mean", "ms"),
         Column("rtx4090", "NVIDIA RTX 4090, mean", "ms"),
-        Column("p50", f"{hardware(str(pipeline.device))}, median", "ms"),
+        Column("p50", f"{hardware(pipeline.device)}, median", "ms"),
         Column("p95", "95th percentile", "ms"),
     )
     report = bench_stream(pipeline, seconds=experiment.scale.seconds)

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from echoavatar.config import Config
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar_lab import paper
 from echoavatar_lab.align.audio_encoders import AudioEncoderConfig
 from echoavatar_lab.align.audio_reward import AudioMotionConfig

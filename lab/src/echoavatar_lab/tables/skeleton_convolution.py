@@ -32,6 +32,7 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.smpl import skeleton
+from echoavatar.stored import read_config
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
 from echoavatar_lab.kinematics import matrix_from_quaternion
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
@@ -230,7 +231,7 @@ class SkeletonConvolution(checkpoint.Checkpointed):
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read `config.json` and `model.safetensors`; names may have the released files' prefix `module.`."""
-        config = checkpoint.read_config(folder, SkeletonConvolutionConfig)
+        config = read_config(folder, SkeletonConvolutionConfig)
         weights = {key.removeprefix(_PREFIX): value for key, value in checkpoint.read_weights(folder).items()}
         return checkpoint.build_for(weights, partial(cls, config), origin=str(folder)).eval()
 

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.models.audio.network import CODE_LAYERS
+from echoavatar.models.audio.codec_config import CODE_LAYERS
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.corpora.music.beat_tracker import onset_strength, track_beats
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness

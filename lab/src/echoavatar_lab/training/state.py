@@ -19,6 +19,7 @@ from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import check_file
+from echoavatar.stored import LARGEST_WEIGHTS_BYTES
 from echoavatar.whole_file import whole_file
 
 from .processes import full_tensor, placed_like
@@ -51,7 +52,7 @@ def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
     """Read tensors and facts. Raises CheckpointError if the file is damaged, or of another version."""
     try:
-        check_file(path, checkpoint.LARGEST_WEIGHTS_BYTES, CheckpointError)
+        check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             if metadata.get("format") != _FORMAT:

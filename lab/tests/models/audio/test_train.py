@@ -3,9 +3,9 @@ import pytest
 import torch
 from tests.models.runs import check_pieces, check_resume
 
-from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import CodecConfig
+from echoavatar.stored import read_card
 from echoavatar_lab.models.audio.decoding import synthesize
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, to_int16
 from echoavatar_lab.models.audio.train import (
@@ -128,7 +128,7 @@ def test_a_resumed_run_is_the_same_run(pool, tmp_path):
     check_resume(
         lambda folder, **more: train(CodecTask(CONFIG, pool, card=LICENCE), folder, **more).codec, tmp_path, at=24
     )
-    card = checkpoint.read_card(tmp_path / "killed")
+    card = read_card(tmp_path / "killed")
     assert (card["steps_done"], card["sound_seconds"]) == (30, {"tones": 8.0})
     assert card.items() >= LICENCE.items()
 
@@ -161,7 +161,7 @@ def test_a_run_of_other_sizes_is_refused(pool, tmp_path):
 def test_the_clock_can_end_a_run(pool, tmp_path):
     config = CONFIG.model_copy(update={"steps": 10**9, "minutes": 1e-4})
     train(CodecTask(config, pool), tmp_path)
-    assert int(checkpoint.read_card(tmp_path)["steps_done"]) < 50
+    assert int(read_card(tmp_path)["steps_done"]) < 50
 
 
 def test_fresh_weights_answer_speech_with_unit_variance(pool):

@@ -4,7 +4,7 @@ from tests.laws.cases import decoding, encoding
 from tests.laws.streaming import hold
 from tests.models.motion_tokens import fill
 
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.nn import CausalBlock
 from echoavatar_lab.models.tokenizer.variants import AnyTokenizer, CausalConvBlock, CausalConvolution
 

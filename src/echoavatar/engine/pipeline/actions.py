@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
@@ -33,8 +32,8 @@ ABOUT = 200  # letters of a description
 class Directive(NamedTuple):
     """What actions ask of the generator in one step, rows first."""
 
-    exemplar: Float[Tensor, "b K"]  # intensity of each code of the set, for a generator trained with exemplars
-    bias: Float[Tensor, "b K"]  # added to the logits of the same codes
+    exemplar: Float[np.ndarray, "b K"]  # intensity of each code of the set, for a generator trained with exemplars
+    bias: Float[np.ndarray, "b K"]  # added to the logits of the same codes
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,9 @@ class Action:
             return self.chunks - (length - elapsed)
         return first + (elapsed - last) % (last - first)
 
-    def members(self, elapsed: int, length: int, codes: int) -> Float[Tensor, " K"]:
+    def members(self, elapsed: int, length: int, codes: int) -> Float[np.ndarray, " K"]:
         """The set of codes that is due, as a row with 1 for each member."""
-        place, row = self.place(elapsed, length), torch.zeros(codes)
+        place, row = self.place(elapsed, length), np.zeros(codes, np.float32)
         if not self.guides:
             return row
         if self.is_set:

@@ -4,66 +4,148 @@
 beside the weights as a graph. `card.json` beside them describes the whole. Other folders are not read.
 """
 
+import atexit
 import re
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from echoavatar import hub
-from echoavatar.checkpoint import read_card
+from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.face import FaceModel
-from echoavatar.models.generator import Generator, qwen_half_billion
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.audio.codec_config import CodecConfig
+from echoavatar.models.face.config import FaceConfig
+from echoavatar.models.generator.config import GeneratorConfig, qwen_half_billion
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.post import SWITCHES, refuse_unknown
+from echoavatar.nn.device import need_torch
 from echoavatar.nn.exported import ExportedStep, graph_file
+from echoavatar.stored import Stored, read_arrays, read_card, read_config
 from echoavatar.timing import CHUNK_SECONDS, ChunkSize
 
 from .actions import ActionLibrary
 from .runtime import Runtime
 
+if TYPE_CHECKING:
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.face import FaceModel
+    from echoavatar.models.generator import Generator
+    from echoavatar.models.tokenizer import BodyTokenizer
+
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
-EXPORTED = ("codec", "tokenizer", FACE)  # parts whose step may be a graph
+_KINDS: dict[str, tuple[type[Config], str, str]] = {  # config; file and name of the module
+    "codec": (CodecConfig, "audio", "AudioCodec"),
+    "tokenizer": (BodyTokenizerConfig, "tokenizer", "BodyTokenizer"),
+    "generator": (GeneratorConfig, "generator", "Generator"),
+    FACE: (FaceConfig, "face", "FaceModel"),
+}
+_OPEN = ExitStack()  # of folders that are unpacked until the process ends
+atexit.register(_OPEN.close)
 _HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
 OPTIONAL_STAGES = (FACE, *SWITCHES)
 
 
+class Part:
+    """A trained part: its config at once, its weights when they are asked for.
+
+    It lies in a checkpoint folder, where its step may be a graph, or it is a module that was made here.
+    """
+
+    def __init__(self, name: str, *, folder: Path | None = None, module: Any = None) -> None:
+        """One of both. Raises CheckpointError if the folder has no config."""
+        self.name, self._folder, self._made = name, folder, module
+        self.config: Any = module.config if folder is None else read_config(folder, _KINDS[name][0])
+
+    @cached_property
+    def module(self) -> Any:
+        """The module of torch. Raises DependencyError without torch, CheckpointError if the weights are damaged."""
+        if self._folder is None:
+            return self._made
+        need_torch(f"the {self.name} of this bundle, whose weights have no graph or run on a GPU,")
+        home, kind = _KINDS[self.name][1:]
+        return getattr(import_module(f"echoavatar.models.{home}"), kind).load(self._folder)
+
+    @cached_property
+    def graph(self) -> ExportedStep | None:
+        """Its step as a graph; None if there is none of these very weights. Raises CheckpointError if it is damaged."""
+        path = None if self._folder is None else graph_file(self._folder)
+        return ExportedStep(path) if path is not None and path.exists() else None
+
+    def arrays(self) -> Mapping[str, Stored]:
+        """Its weights by name. Raises CheckpointError if they are damaged."""
+        if self._folder is not None:
+            return read_arrays(self._folder)
+        return {name: weight.detach().cpu().numpy() for name, weight in self._made.state_dict().items()}
+
+
 @dataclass(frozen=True)
 class Bundle:
-    """Codec, motion tokenizer, generator and optional face model, loaded and checked against each other."""
+    """Codec, motion tokenizer, generator and optional face model, checked against each other."""
 
     name: str
-    codec: AudioCodec
-    tokenizer: BodyTokenizer
-    generator: Generator
+    parts: Mapping[str, Part]
     card: dict[str, object]
     actions: ActionLibrary = field(default_factory=ActionLibrary)
-    face: FaceModel | None = None
     runtime: Runtime = field(default_factory=Runtime)
-    steps: dict[str, ExportedStep] = field(default_factory=dict)  # of parts that have a graph, for a CPU
+
+    @classmethod
+    def of(cls, name: str, runtime: Runtime, **modules: Any) -> Self:
+        """A bundle of modules: `codec`, `tokenizer`, `generator` and, optionally, `face`."""
+        return cls(name, {part: Part(part, module=module) for part, module in modules.items()}, {}, runtime=runtime)
+
+    def having(self, **modules: Any) -> Self:
+        """The same bundle with other modules as some of its parts; None leaves the face out."""
+        others = {name: Part(name, module=module) for name, module in modules.items() if module is not None}
+        kept = {name: part for name, part in self.parts.items() if name not in modules}
+        return replace(self, parts=kept | others)
+
+    @property
+    def codec(self) -> "AudioCodec":
+        """The module of torch, as `Part.module`; so are the next three."""
+        return self.parts["codec"].module  # type: ignore[no-any-return]
+
+    @property
+    def tokenizer(self) -> "BodyTokenizer":
+        """Motion to codes and back."""
+        return self.parts["tokenizer"].module  # type: ignore[no-any-return]
+
+    @property
+    def generator(self) -> "Generator":
+        """Audio codes to motion codes."""
+        return self.parts["generator"].module  # type: ignore[no-any-return]
+
+    @property
+    def face(self) -> "FaceModel | None":
+        """Sound to curves, if the bundle has it."""
+        return self.parts[FACE].module if FACE in self.parts else None
+
+    @property
+    def sizes(self) -> GeneratorConfig:
+        """The generator's config."""
+        return self.parts["generator"].config  # type: ignore[no-any-return]
 
     @property
     def skeleton(self) -> Skeleton:
         """The tokenizer's rig; `Pipeline.skeleton` is the rig of the output."""
-        return self.tokenizer.skeleton
+        return Skeleton(self.parts["tokenizer"].config.skeleton)
 
     @property
     def chunk(self) -> ChunkSize:
         """The chunk of one step."""
-        return ChunkSize(self.generator.config.step)
+        return ChunkSize(self.sizes.step)
 
     @property
     def parameters(self) -> int:
         """The number of weights of all parts."""
-        parts = (self.codec, self.tokenizer, self.generator, self.face)
-        return sum(weight.numel() for part in parts if part is not None for weight in part.parameters())
+        return sum(weight.numel() for part in self.parts.values() for weight in part.module.parameters())
 
     def running(self, runtime: str) -> "Bundle":
         """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.
@@ -80,7 +162,8 @@ class Bundle:
         refuse_unknown(stages, OPTIONAL_STAGES)
         kept = tuple(stage for stage in self.runtime.stages if stage not in stages)
         runtime = self.runtime.model_copy(update={"stages": kept})
-        return replace(self, face=None if FACE in stages else self.face, runtime=runtime)
+        parts = {name: part for name, part in self.parts.items() if name not in stages}
+        return replace(self, parts=parts, runtime=runtime)
 
 
 def load_bundle(name: str | Path = "default") -> Bundle:
@@ -92,17 +175,11 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         missing = [part for part in PARTS if not (folder / part).is_dir()]
         if missing:
             raise CheckpointError(f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`")
-        codec = AudioCodec.load(folder / "codec").eval()
-        tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
-        generator = Generator.load(folder / "generator").eval()
-        width = len(generator.config.directed) * generator.config.layout.motion_codes
-        chunk = ChunkSize(generator.config.step)
-        actions = ActionLibrary.load(folder, width, chunk)
-        face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
-        runtime = Runtime.load(folder, is_leveled=generator.config.is_leveled)
-        graphs = {part: graph_file(folder / part) for part in EXPORTED if (folder / part).is_dir()}
-        steps = {part: ExportedStep(graph) for part, graph in graphs.items() if graph.exists()}
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, steps)
+        parts = {name: Part(name, folder=folder / name) for name in _KINDS if (folder / name).is_dir()}
+        sizes = parts["generator"].config
+        width = len(sizes.directed) * sizes.layout.motion_codes
+        actions = ActionLibrary.load(folder, width, ChunkSize(sizes.step))
+        bundle = Bundle(str(name), parts, read_card(folder), actions, Runtime.load(folder, is_leveled=sizes.is_leveled))
     _check(bundle)
     return bundle
 
@@ -116,8 +193,7 @@ def shipped() -> list[str]:
 @contextmanager
 def _folder(name: str | Path) -> Iterator[Path]:
     if str(name) in shipped():
-        with as_file(files("echoavatar") / "bundles" / str(name)) as folder:
-            yield folder
+        yield _OPEN.enter_context(as_file(files("echoavatar") / "bundles" / str(name)))
         return
     folder = Path(name)
     if not folder.is_dir() and _HUB_NAME.fullmatch(str(name)):
@@ -134,15 +210,15 @@ def _folder(name: str | Path) -> Iterator[Path]:
 
 
 def _check(bundle: Bundle) -> None:
-    if chunks := bundle.generator.config.ahead_chunks:
+    if chunks := bundle.sizes.ahead_chunks:
         raise CheckpointError(
             f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
             " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
             " (`echoavatar reproduce main` runs such a reference on whole files)"
         )
-    layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
+    layout, tokenizer = bundle.sizes.layout, bundle.parts["tokenizer"].config
     pairs = [
-        ("audio codes", layout.audio_codes, bundle.codec.config.codes),
+        ("audio codes", layout.audio_codes, bundle.parts["codec"].config.codes),
         ("motion layers", layout.motion_layers, tokenizer.layers),
         ("motion codes", layout.motion_codes, tokenizer.codes),
         ("body parts", layout.parts, len(tokenizer.parts)),
@@ -150,10 +226,8 @@ def _check(bundle: Bundle) -> None:
     for what, wanted, has in pairs:
         if wanted != has:
             raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")
-    if bundle.face and bundle.face.config.channels != len(ARKIT_NAMES):
-        raise CheckpointError(
-            f"bundle {bundle.name}: its face has {bundle.face.config.channels} channels, not the 52 of ARKit"
-        )
+    if FACE in bundle.parts and (channels := bundle.parts[FACE].config.channels) != len(ARKIT_NAMES):
+        raise CheckpointError(f"bundle {bundle.name}: its face has {channels} channels, not the 52 of ARKit")
 
 
 def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleaved", "depth"] = "prefix") -> Bundle:
@@ -163,8 +237,9 @@ def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleav
 
     Silence does not bring it to rest, so it has no lead-in.
     """
-    layout = bundle.generator.config.layout
-    generator = Generator(qwen_half_billion(layout, sequence)).eval()
+    from echoavatar.models.generator import Generator
+
+    generator = Generator(qwen_half_billion(bundle.sizes.layout, sequence)).eval()
     runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
     name = f"{bundle.name}, 0.5B random generator"
-    return replace(bundle, name=name, generator=generator, runtime=runtime)
+    return replace(bundle.having(generator=generator), name=name, runtime=runtime)

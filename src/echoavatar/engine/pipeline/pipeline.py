@@ -19,28 +19,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
 
-from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio import LevelControl, LevelState, NetworkState
-from echoavatar.models.face import FaceState, FaceStream
-from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.stream import FrameState, GeneratorStream, HistoryState, RingState
-from echoavatar.models.tokenizer import BodyState
+from echoavatar.models.audio import LevelControl
+from echoavatar.models.face import FaceStream, FrozenFace
+from echoavatar.models.generator.config import Precision
+from echoavatar.models.generator.frames import FrameStream
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-from echoavatar.nn import StreamingModule, StreamState
-from echoavatar.nn.exported import ExportedState, ExportedStep
+from echoavatar.nn import StreamState
+from echoavatar.nn.device import find_device
 from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle
+from .bundle import FACE, Bundle, Part
 from .foreign_rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
@@ -50,49 +45,18 @@ LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
 
 
-def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) -> None:
-    """Overwrite the chosen rows of `state` with the one row of `source`."""
-    for tensor, row in zip(state.tensors(), source.tensors(), strict=True):
-        tensor[rows] = row
-
-
-def find_device(name: str) -> torch.device:
-    """`cpu`, `cuda`, a certain one such as `cuda:1`, or `auto`: the GPU where there is one.
-
-    Raises EchoAvatarError if there is no such device here.
-    """
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    kind, _, number = name.partition(":")
-    if kind == "cpu" and not number:
-        return torch.device("cpu")
-    if kind != "cuda" or (number and not number.isdecimal()):
-        raise EchoAvatarError(f"no device {name!r}; say cpu, cuda, cuda:1 or auto")
-    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    if int(number or 0) >= found:
-        why = f"there are {found} here" if found else _why_none()
-        raise EchoAvatarError(f"no CUDA device {number or 0}: {why}; --device cpu runs everywhere")
-    return torch.device(name)
-
-
-def _why_none() -> str:
-    if torch.version.cuda is None:
-        return "this is torch's CPU build (pip install torch from the index of a CUDA build)"
-    return "no GPU, or no driver for it (see nvidia-smi)"
-
-
 @dataclass
 class PipelineState(StreamState):
     """The states of all stages, and each row's seed."""
 
-    level: LevelState
-    codec: NetworkState | ExportedState
-    generator: RingState | HistoryState | FrameState
-    decoder: BodyState | ExportedState
+    level: StreamState
+    codec: StreamState
+    generator: StreamState
+    decoder: StreamState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
-    face: list[FaceState]  # one, or none without a face model
-    seeds: Int[Tensor, " b"]
+    face: list[StreamState]  # one, or none without a face model
+    seeds: Int[np.ndarray, " b"]
 
 
 class Pipeline:
@@ -125,54 +89,77 @@ class Pipeline:
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
-        self.level = LevelControl() if runtime.level_control else None
         self.device = find_device(device)
-        steps = bundle.steps if self.device.type == "cpu" else {}
-        self.codec: StreamingModule[Any] | ExportedStep = steps.get("codec") or bundle.codec.to(self.device)
-        own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
-        self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
-        tokenizer, decoder = bundle.tokenizer.to(self.device), steps.get("tokenizer")
-        self._init_decoder: Callable[[int], Any] = decoder.init_state if decoder else tokenizer.init_decoder
-        self.decode: Callable[[Tensor, Any, Tensor], Tensor] = decoder.step if decoder else tokenizer.decode_step
+        self._level_state = LevelControl().init_state
+        self.level = LevelControl() if runtime.level_control else None
+        parts, sizes = bundle.parts, bundle.sizes
+        self.codec = self._run(parts["codec"], "step", "init_state")
+        self.decoder = self._run(parts["tokenizer"], "decode_step", "init_decoder")
+        self.generator = self._generator(bundle, precision)
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
-        has_idle, ear = "blinks" in self.additions, steps.get("face")
-        self.face = FaceStream(bundle.face, has_idle=has_idle, ear=ear) if bundle.face else None
+        self.face = self._face(parts[FACE]) if FACE in parts else None
         self.actions = bundle.actions
-        config = bundle.generator.config
         self.chunk = bundle.chunk
-        self.has_manner = config.manner  # whether `step` takes one
-        self.directive_codes = len(config.directed) * config.layout.motion_codes
-        own_bias = LEARNED_BIAS if config.exemplar else BIAS
-        self._bias = own_bias if config.example_bias is None else config.example_bias
+        self.has_manner = sizes.manner  # whether `step` takes one
+        self.has_opening = sizes.opening is not None  # whether its window is full from the start
+        self.directive_codes = len(sizes.directed) * sizes.layout.motion_codes
+        own_bias = LEARNED_BIAS if sizes.exemplar else BIAS
+        self._bias = own_bias if sizes.example_bias is None else sizes.example_bias
         self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
         self._warm_start: PipelineState | None = None
         self._warm_lock = threading.Lock()
 
+    def _run(self, part: Part, step: str, init_state: str) -> Any:
+        """A part's graph on a CPU if it has one, else its module."""
+        if self.device == "cpu" and part.graph:
+            return part.graph
+        return self._in_torch(part.module.to(self.device), step, init_state)
+
+    def _generator(self, bundle: Bundle, precision: Precision | None) -> Any:
+        """The depth order on a CPU needs no torch."""
+        if self.device == "cpu" and precision != "bfloat16" and bundle.sizes.sequence == "depth":
+            return FrameStream(bundle.sizes, bundle.parts["generator"].arrays(), rounds=precision != "float32")
+        from echoavatar.models.generator import open_stream
+
+        own: Precision = "int8" if self.device == "cpu" else "bfloat16"
+        return self._in_torch(open_stream(bundle.generator.to(self.device), precision or own))
+
+    def _face(self, part: Part) -> FaceStream:
+        """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
+        is_frozen = part.graph is not None and part.config.memory == "ring"
+        model = FrozenFace(part.config, part.arrays(), part.graph) if is_frozen else part.module
+        return FaceStream(model, has_idle="blinks" in self.additions)
+
+    def _in_torch(self, module: Any, step: str = "step", init_state: str = "init_state") -> Any:
+        from echoavatar.nn.torch_step import TorchStep
+
+        return TorchStep(getattr(module, step), getattr(module, init_state), self.device)
+
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
         return PipelineState(
-            LevelControl().init_state(rows),
+            self._level_state(rows),
             self.codec.init_state(rows),
             self.generator.init_state(rows),
-            self._init_decoder(rows),
+            self.decoder.init_state(rows),
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
-            torch.zeros(rows, dtype=torch.int64),
+            np.zeros(rows, np.int64),
         )
 
     def reset(
-        self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int, options: MotionOptions = FREE
+        self, state: PipelineState, rows: Bool[np.ndarray, " b"], *, seed: int, options: MotionOptions = FREE
     ) -> None:
         """Start new sessions in these rows: at the origin, after `Runtime.lead_in_s` of silence."""
-        copy_row(state, rows, self._warm_row())
+        state.overwrite(rows, self._warm_row())
         state.seeds[rows] = seed
-        state.post.modes.choose(rows.numpy(), options)
+        state.post.modes.choose(rows, options)
 
     def _warm_row(self) -> PipelineState:
         """The state of a new session, to be copied and not changed. `warm_up` makes it, so that no session waits."""
@@ -182,46 +169,46 @@ class Pipeline:
 
     def _after_silence(self) -> PipelineState:
         """One row that has heard the lead-in silence. Stages behind the decoder, and the position, are reset."""
-        state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
+        state, everyone = self.init_state(1), np.ones(1, np.bool_)
         for _ in range(self._lead_in):
-            self.step(torch.zeros(1, self.chunk.samples), state, everyone)
+            self.step(np.zeros((1, self.chunk.samples), np.float32), state, everyone)
         state.post.reset(everyone)
         return state
 
-    def restart_generator(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
+    def restart_generator(self, state: PipelineState, rows: Bool[np.ndarray, " b"]) -> None:
         """Give these rows the generator state of a new session; the body stays where it is."""
-        copy_row(state.generator, rows, self._warm_row().generator)
+        state.generator.overwrite(rows, self._warm_row().generator)
 
     def warm_up(self) -> None:
         """Run a step without a session, and make the warm start.
 
         The first run on a machine compiles the loops, and a log message says so.
         """
-        everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
-        state.post.modes.choose(everyone.numpy(), MotionOptions(leash_m=1.0))  # so that the leash is compiled too
+        everyone, state = np.ones(1, np.bool_), self.init_state(1)
+        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
-            self.step(torch.zeros(1, self.chunk.samples), state, ~everyone)
+            self.step(np.zeros((1, self.chunk.samples), np.float32), state, ~everyone)
             self._warm_row()
 
     def encode_audio(
-        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b f l"]:
+        self, level: Float[np.ndarray, "b s"], state: PipelineState, active: Bool[np.ndarray, " b"]
+    ) -> Int[np.ndarray, "b f l"]:
         """The audio codes that the generator gets in this step."""
-        return self.codec.step(level.to(self.device), state.codec, active.to(self.device))
+        codes: np.ndarray = self.codec.step(level, state.codec, active)
+        return codes
 
-    def directive(self, members: Float[Tensor, "b K"]) -> Directive:
+    def directive(self, members: Float[np.ndarray, "b K"]) -> Directive:
         """The directive for one set of codes per row, given as intensities."""
         return Directive(members, self._bias * members)
 
-    @torch.inference_mode()
     def step(
         self,
-        audio: Float[Tensor, "b s"],
+        audio: Float[np.ndarray, "b s"],
         state: PipelineState,
-        active: Bool[Tensor, " b"],
+        active: Bool[np.ndarray, " b"],
         *,
         directive: Directive | None = None,
-        manner: Float[Tensor, "b m"] | None = None,
+        manner: Float[np.ndarray, "b m"] | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
@@ -232,29 +219,21 @@ class Pipeline:
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
-        face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
+        face = self.face.step(level, state.face[0], active, state.seeds) if self.face else None
         self.on_stage("face")
         sounds = self.encode_audio(level, state, active)
         self.on_stage("codec")
-        there = self.device
-        exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
-        codes = self.generator.step(
-            sounds.to(there),
-            state.generator,
-            active.to(there),
-            seeds=state.seeds.to(there),
-            exemplar=exemplar,
-            bias=bias,
-            manner=None if manner is None else manner.to(there),
-        )
+        exemplar, bias = directive or (None, None)
+        told = {"exemplar": exemplar, "bias": bias, "manner": manner}
+        codes = self.generator.step(sounds, state.generator, active, seeds=state.seeds, **told)
         self.on_stage("generator")
-        features, on = self.decode(codes, state.decoder, active.to(there)).cpu().numpy(), active.numpy()
+        features = self.decoder.step(codes, state.decoder, active)
         self.on_stage("decoder")
         if self.rig is not None:
-            features = self.rig.step(features, state.rig[0], on)
+            features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
         pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
-        motion = join_batches([self.post.step(piece, state.post, on, self.on_stage) for piece in pieces])
+        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         return motion.split(face)

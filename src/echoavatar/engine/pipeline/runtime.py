@@ -10,10 +10,10 @@ from pathlib import Path
 
 from pydantic import Field
 
-from echoavatar.checkpoint import read_config
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.post import SWITCHES
+from echoavatar.stored import read_config
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
 

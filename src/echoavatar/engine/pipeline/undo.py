@@ -4,58 +4,53 @@ A step writes about a tenth of a row, so only the overwritten values are kept. U
 restores the state of n steps ago to the bit.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Int, Shaped
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 
-_WORDS = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}  # by size in bytes
-SMALL = 4096  # elements; a smaller tensor is kept whole
+SMALL = 4096  # elements; a smaller array is kept whole
 
 
 class Patch(NamedTuple):
-    """Overwritten values of one tensor's row: all of it, or those at `where` of the flattened row."""
+    """Overwritten values of one array's row: all of it, or those at `where` of the flattened row."""
 
-    where: Int[Tensor, " n"] | None
-    values: Shaped[Tensor, " n"]
+    where: Int[np.ndarray, " n"] | None
+    values: Any  # a GPU's row is a tensor
 
 
-def changes(before: list[Tensor], state: StreamState, row: int) -> list[Patch]:
+def changes(before: list[Any], state: StreamState, row: int) -> list[Patch]:
     """The values that a step overwrote in a row; `before` is the state's `snapshot` from before the step."""
-    pairs = zip(before, state.tensors(), strict=True)
-    return [_patch(old[row : row + 1].reshape(-1), _row(new, row)) for old, new in pairs]
+    one = slice(row, row + 1)
+    return [_patch(old[one], new[one]) for old, new in zip(before, state.arrays(), strict=True)]
 
 
 def undo(patches: list[Patch], state: StreamState, row: int) -> None:
     """Restore the row to what it was before the step that made these patches."""
-    for tensor, patch in zip(state.tensors(), patches, strict=True):
-        flat = _row(tensor, row)
-        if patch.where is None:
-            flat.copy_(patch.values)
+    for part, (where, values) in zip(state.arrays(), patches, strict=True):
+        if where is None:
+            part[row : row + 1] = values
         else:
-            flat[patch.where] = patch.values
+            _flat(part[row])[where] = values
 
 
-def _row(tensor: Tensor, row: int) -> Tensor:
-    """The row, flat, as a view."""
-    return tensor[row : row + 1].view(-1)
-
-
-def _patch(old: Tensor, new: Tensor) -> Patch:
-    if old.numel() < SMALL:
+def _patch(old: Any, new: Any) -> Patch:
+    if not isinstance(new, np.ndarray):  # a GPU has room, and looking for what changed would make it wait
         return Patch(None, old.clone())
-    different = _bits(old) != _bits(new)
-    if old.device.type == "cpu":
-        where = torch.from_numpy(np.flatnonzero(different.numpy()))  # torch's own nonzero takes twice as long
-    else:
-        where = different.nonzero().flatten()
-    return Patch(where, old[where]) if 2 * len(where) < old.numel() else Patch(None, old.clone())
+    if old.size >= SMALL:
+        where = np.flatnonzero(_bits(old) != _bits(new))
+        if 2 * len(where) < old.size:
+            return Patch(where, _flat(old)[where])
+    return Patch(None, old.copy())
 
 
-def _bits(values: Tensor) -> Int[Tensor, " n"]:
+def _flat(values: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
+    """A view; ValueError if there is none."""
+    return values.reshape(-1, copy=False)
+
+
+def _bits(values: Shaped[np.ndarray, "..."]) -> Int[np.ndarray, " n"]:
     """The values' bit patterns as integers, which tell -0.0 from 0.0 and compare NaN."""
-    return values.view(_WORDS[values.element_size()])
+    return _flat(values).view(f"i{values.itemsize}")

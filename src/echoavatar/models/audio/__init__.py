@@ -7,8 +7,9 @@ from .io import StreamResampler, as_mono, read_audio, stream_audio, write_wav
 
 if TYPE_CHECKING:
     from .codec import AudioCodec, nearest_codes
+    from .codec_config import CodecConfig
     from .level import LevelControl, LevelState
-    from .network import CodecConfig, NetworkState
+    from .network import NetworkState
 
 __all__ = [
     "AudioCodec",
@@ -23,7 +24,7 @@ __all__ = [
     "stream_audio",
     "write_wav",
 ]
-_HOMES = {"LevelControl": ".level", "LevelState": ".level", "CodecConfig": ".network", "NetworkState": ".network"}
+_HOMES = {"LevelControl": ".level", "LevelState": ".level", "CodecConfig": ".codec_config", "NetworkState": ".network"}
 
 
 def __getattr__(name: str) -> object:

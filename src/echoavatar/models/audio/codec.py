@@ -13,16 +13,8 @@ from echoavatar.checkpoint import Checkpointed
 from echoavatar.nn import StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
-from .network import (
-    CODE_LAYERS,
-    CodecConfig,
-    NetworkState,
-    advance,
-    decoder,
-    encoder,
-    init_network_state,
-    shortest_start,
-)
+from .codec_config import CODE_LAYERS, CodecConfig
+from .network import NetworkState, advance, decoder, encoder, init_network_state, shortest_start
 
 _BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # `encode` works on pieces of this length, to bound its memory
 

@@ -43,6 +43,7 @@ class HubertConfig(Config):
         return self.width
 
 
+STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
 ChannelOrder = Literal["live_link", "apple"]
 
 
@@ -88,6 +89,11 @@ class FaceConfig(Config):
     )
     least_std: float = Field(default=0.02, ge=0, description="deviation below which a channel is not blown up")
     idle: bool = Field(default=True, description="whether channels that hardly move get idle motion")
+
+    @property
+    def least_scale(self) -> float:
+        """`least_std`, but never 0: deviations are divided by it."""
+        return max(self.least_std, 1e-8)
 
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:

@@ -1,25 +1,25 @@
-"""The face model's frames of one chunk: weights frozen for the compiled loop, and the memory it works in.
+"""The face model's frames of one chunk (ring form): weights frozen for the compiled loop, and the memory it works in.
 
-Computes what `FaceGpt` (ring form) and `FlowHead` compute (a test holds it to that), with the norms' weights folded
-into the next projection. The compiled loop takes a chunk's eight frames, each some hundred small matrix products. Its
+Computes what `FaceGpt` and `FlowHead` compute (a test holds it to that), with the norms' weights folded into the next
+projection. The compiled loop takes a chunk's eight frames, each some hundred small matrix products. Its
 rows are sessions x guidance branches: 2 k is session k without sound, 2 k + 1 the same with sound.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from jaxtyping import Bool, Float, Int
 
-from echoavatar.nn import Mlp
+from echoavatar.errors import CheckpointError
+from echoavatar.nn import StreamState
 from echoavatar.nn.kernel_math import ONE, ZERO, F, Matrices, attend, gelu, product, silu
 from echoavatar.nn.kernels import kernel
 
-from .flow import Schedule
-from .gpt import GptState, RingAttention, RingBlock
-from .model import FaceModel
+from .config import FaceConfig
+from .noise import euler_levels
 
 
 class Affine(NamedTuple):
@@ -191,76 +191,98 @@ def run_frames(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
                 frames[chosen[k], i, c] = face[k, c]
 
 
+@dataclass
+class RingState(StreamState):
+    """All zero: the mean face, nothing heard yet.
+
+    `ring` holds keys and values (in this order), per layer and guidance branch. Frame k of a session lies in slot k mod
+    n and is written once.
+    """
+
+    ring: Float[np.ndarray, "b l 2 2 w n"]
+    last: Float[np.ndarray, "b c"]  # frame, normalised
+    seen: Int[np.ndarray, " b"]  # frames generated
+
+
 class FrameDecoder:
-    """Frozen weights of the ring form, in float32."""
+    """Runs the weights of a face model, given under the names that they have in its checkpoint, in float32."""
 
-    def __init__(self, model: FaceModel) -> None:
-        gpt, head = model.gpt, model.head
-        self._guidance = np.float32(model.config.guidance)
-        blocks = [block for block in gpt.blocks if isinstance(block, RingBlock)]
-        mlps = [mlp for mlp in head.mlps if isinstance(mlp, Mlp)]
+    def __init__(self, config: FaceConfig, weights: Mapping[str, Float[np.ndarray, "..."]]) -> None:
+        """Raises CheckpointError if a weight is missing or of another shape: the loop looks at no bounds."""
+
+        def taken(name: str, *shape: int) -> Float[np.ndarray, "..."]:
+            if name not in weights or weights[name].shape != shape:
+                has = weights[name].shape if name in weights else "missing"
+                raise CheckpointError(f"the face's {name} is {has}, wanted {shape}; copy or download it again")
+            return weights[name]
+
+        def plain(name: str, inputs: int, outputs: int) -> Affine:
+            return Affine(taken(f"{name}.weight", outputs, inputs).T, taken(f"{name}.bias", outputs))
+
+        def folded(norm: str, name: str, inputs: int, outputs: int) -> Affine:
+            """The projection of a plainly normalised x that equals linear(norm(x))."""
+            gain, shift = taken(f"{norm}.weight", inputs), taken(f"{norm}.bias", inputs)
+            linear = plain(name, inputs, outputs)
+            return Affine(gain[:, None] * linear.weight, shift @ linear.weight + linear.bias)
+
+        self.config, heads = config, config.heads
+        width, inner, told, curves = config.width, config.head_width, config.condition, config.channels
+        blocks = [f"gpt.blocks.{index}" for index in range(config.layers)]
+        mlps = [f"head.mlps.{index}" for index in range(config.head_blocks)]
+        qkv = [folded(f"{block}.norm1", f"{block}.attn.qkv", width, 3 * width) for block in blocks]
+        scale = np.repeat([(width // heads) ** -0.5, 1, 1], width).astype(F)  # of the scores, folded into the queries
+        told_by = folded("gpt.output_norm", "gpt.output_proj", width, told)
         self._weights = Weights(
-            embed=_stacked([_plain(gpt.embed)]),
-            qkv=_stacked([_scaled_queries(_folded(block.norm1, block.attn.qkv), block.attn) for block in blocks]),
-            project=_stacked([_plain(block.attn.proj) for block in blocks]),
-            up=_stacked([_folded(block.norm2, block.mlp.fc1) for block in blocks]),
-            down=_stacked([_plain(block.mlp.fc2) for block in blocks]),
-            condition=_stacked([_chain(_folded(gpt.output_norm, gpt.output_proj), _plain(head.condition_proj))]),
-            steer=_split(_plain(head.by_condition), len(mlps)),
-            noisy=_stacked([_plain(head.noisy_proj)]),
-            head_up=_stacked([_plain(mlp.fc1) for mlp in mlps]),
-            head_down=_stacked([_plain(mlp.fc2) for mlp in mlps]),
-            face=_stacked([_folded(head.output_norm, head.output_proj)]),
-            distance=np.stack([np.tile(_floats(block.attn.bias), 2) for block in blocks]),
-            heads=blocks[0].attn.heads,
+            embed=_stacked([plain("gpt.embed", curves, width)]),
+            qkv=_stacked([Affine(one.weight * scale, one.bias * scale) for one in qkv]),
+            project=_stacked([plain(f"{block}.attn.proj", width, width) for block in blocks]),
+            up=_stacked([folded(f"{block}.norm2", f"{block}.mlp.fc1", width, 4 * width) for block in blocks]),
+            down=_stacked([plain(f"{block}.mlp.fc2", 4 * width, width) for block in blocks]),
+            condition=_stacked([_chain(told_by, plain("head.condition_proj", told, inner))]),
+            steer=_split(plain("head.by_condition", inner, 3 * inner * len(mlps)), len(mlps)),
+            noisy=_stacked([plain("head.noisy_proj", curves, inner)]),
+            head_up=_stacked([plain(f"{mlp}.fc1", inner, 4 * inner) for mlp in mlps]),
+            head_down=_stacked([plain(f"{mlp}.fc2", 4 * inner, inner) for mlp in mlps]),
+            face=_stacked([folded("head.output_norm", "head.output_proj", inner, curves)]),
+            distance=np.tile([taken(f"{block}.attn.bias", heads, config.context) for block in blocks], 2).astype(F),
+            heads=heads,
         )
+        times, levels = euler_levels(config.sampling_steps)
+        before, after = np.array(levels[:-1]), np.array(levels[1:])
+        shares = (before - after) / (before + 1e-9)
+        embedded = _embedded(times, plain("head.time_in", inner, inner), plain("head.time_out", inner, inner))
+        self._steps = Steps(embedded.astype(F), shares.astype(F), F(config.guidance))
 
-    def run(
+    def init_state(self, rows: int) -> RingState:
+        """Nothing seen yet."""
+        config = self.config
+        ring = np.zeros((rows, config.layers, 2, 2, config.width, config.context), F)
+        return RingState(ring, np.zeros((rows, config.channels), F), np.zeros(rows, np.int64))
+
+    def step(
         self,
-        state: GptState,
-        sound: Float[Tensor, "b t w"],
-        active: Bool[Tensor, " b"],
-        noise: Float[Tensor, "b t c"],
-        schedule: Schedule,
+        heard: Float[np.ndarray, "b t w"],
+        state: RingState,
+        active: Bool[np.ndarray, " b"],
+        noise: Float[np.ndarray, "b t c"],
     ) -> Float[np.ndarray, "b t c"]:
-        """The next normalised frames of the active rows (zeros elsewhere); their keys and values go into `state.ring`.
-
-        The rest of the state is left to `FaceGpt.commit`.
-        """
-        levels = np.array([(level, after) for _, level, after in schedule])
-        shares = (levels[:, 0] - levels[:, 1]) / (levels[:, 0] + 1e-9)
-        times = np.stack([time.detach().float().numpy() for time, _, _ in schedule])
-        steps = Steps(times, shares.astype(np.float32), self._guidance)
-        heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
-        ring, seen, chosen = state.ring.numpy(), state.seen.numpy(), np.flatnonzero(active.numpy())
-        frames = np.zeros(noise.shape, np.float32)
-        run_frames(self._weights, ring, seen, chosen, heard, drawn, last, steps, frames)
+        """The next normalised frames of the active rows, from what each of them hears; zeros elsewhere."""
+        if heard.shape != (wanted := (*noise.shape[:2], self.config.width)):
+            raise CheckpointError(f"the face's ear gives {heard.shape}, wanted {wanted}; copy or download it again")
+        chosen, frames = np.flatnonzero(active), np.zeros((*heard.shape[:2], noise.shape[2]), F)
+        heard, noise = (np.ascontiguousarray(part, F) for part in (heard, noise))
+        run_frames(self._weights, state.ring, state.seen, chosen, heard, noise, state.last, self._steps, frames)
+        state.last[active] = frames[active, -1]
+        state.seen[active] += frames.shape[1]
         return frames
 
 
-def _floats(x: Tensor) -> Float[np.ndarray, "..."]:
-    return np.ascontiguousarray(x.detach().float().numpy())
-
-
-def _plain(linear: nn.Module) -> Affine:
-    assert isinstance(linear, nn.Linear)
-    return Affine(linear.weight.detach().numpy().T, linear.bias.detach().numpy())
-
-
-def _folded(norm: nn.Module, linear: nn.Module) -> Affine:
-    """The projection of a plainly normalised x that equals linear(norm(x))."""
-    assert isinstance(norm, nn.LayerNorm)
-    weight, bias = _plain(linear)
-    gain, shift = norm.weight.detach().numpy(), norm.bias.detach().numpy()
-    return Affine(gain[:, None] * weight, shift @ weight + bias)
-
-
-def _scaled_queries(qkv: Affine, attention: nn.Module) -> Affine:
-    """The scores' 1 / sqrt(d) is folded into the queries."""
-    assert isinstance(attention, RingAttention)
-    scale = np.ones_like(qkv.bias)
-    scale[: attention.width] = (attention.width // attention.heads) ** -0.5
-    return Affine(qkv.weight * scale, qkv.bias * scale)
+def _embedded(times: Sequence[float], first: Affine, second: Affine) -> Float[np.ndarray, "n w"]:
+    """What `FlowHead.embed_time` makes of whole times."""
+    half = len(first.bias) // 2
+    angles = np.trunc(times)[:, None] * np.exp(-math.log(10_000) * np.arange(half) / half)
+    x = np.concatenate([np.cos(angles), np.sin(angles)], 1) @ first.weight + first.bias
+    return np.asarray(x / (1 + np.exp(-x)) @ second.weight + second.bias)
 
 
 def _split(whole: Affine, parts: int) -> Matrices:

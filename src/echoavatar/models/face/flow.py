@@ -1,11 +1,7 @@
 """The flow-matching head: from noise to a face in three steps, under a condition.
 
 Paper, Face Animation Generator: "flow matching diffusion head with 3 MLP blocks using AdaLN conditioning". As in the
-release the network predicts the clean face, not the velocity; times count down from 1000 (noise).
-
-The noise follows from the session's seed and the absolute frame alone. It departs from the release, which draws anew
-for every frame: between draws `hold` frames apart the noise moves smoothly from one to the next at unit variance, so
-that the face trembles less. A hold of 1 draws every frame.
+release the network predicts the clean face, not the velocity.
 """
 
 import math
@@ -17,36 +13,8 @@ from torch import Tensor, nn
 
 from echoavatar.nn import Mlp
 
-from ..generator.sampling import uniform_noise
+from .noise import euler_levels
 
-_SALT = 0x666163652D6E6F69  # so that the noise differs from the motion generator's for the same seed
-
-
-def normal_noise(
-    seeds: Int[Tensor, " b"], start: Int[Tensor, " b"], *, count: int, channels: int
-) -> Float[Tensor, "b n c"]:
-    """Independent standard normal numbers (Box-Muller, double) for positions `start` .. `start` + `count` - 1."""
-    pairs = uniform_noise(seeds ^ _SALT, start, count=count, codes=2 * channels)
-    radius = torch.sqrt(-2 * torch.log(pairs[..., :channels]))
-    return radius * torch.cos(2 * math.pi * pairs[..., channels:])
-
-
-def face_noise(
-    seeds: Int[Tensor, " b"], start: Int[Tensor, " b"], *, count: int, channels: int, hold: int
-) -> Float[Tensor, "b n c"]:
-    """Noise of the frames `start` .. `start` + `count` - 1 of each row."""
-    if hold == 1:
-        return normal_noise(seeds, start, count=count, channels=channels)
-    frame = start[:, None] + torch.arange(count, device=start.device)
-    first = start // hold
-    draws = normal_noise(seeds, first, count=(count + hold - 1) // hold + 2, channels=channels)
-    place = frame // hold - first[:, None]
-    angle = (frame % hold)[..., None] * (math.pi / 2 / hold)
-    take = place[..., None].expand(-1, -1, channels)
-    return draws.gather(1, take) * angle.cos() + draws.gather(1, take + 1) * angle.sin()
-
-
-FULL_NOISE = 1000
 HEAD_EPSILON = 1e-6  # of the norms inside the blocks
 
 
@@ -141,12 +109,3 @@ class FlowHead(nn.Module):
             face = torch.lerp(without, with_sound, guidance)
             x = torch.lerp(x, face, (level - following) / (level + 1e-9))
         return x
-
-
-def euler_levels(steps: int) -> tuple[list[float], list[float]]:
-    """Times 1000 .. 1, evenly, and the noise levels (times / 1000, then 0)."""
-    if steps == 1:
-        times = [float(FULL_NOISE)]
-    else:
-        times = [FULL_NOISE + (1 - FULL_NOISE) * i / (steps - 1) for i in range(steps)]
-    return times, [time / FULL_NOISE for time in times] + [0.0]

@@ -10,15 +10,14 @@ is ours: one attention with a learned bias by distance, keys and values kept bet
 keys and values while its frames are generated one by one.
 """
 
-from dataclasses import dataclass
 from typing import cast
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from echoavatar.nn import Mlp, StreamState, write_rows
+from echoavatar.nn import Mlp
 from echoavatar.nn.attention import rotary_phases
 
 from .config import FaceConfig
@@ -118,31 +117,6 @@ def _phases(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "t half"]:
     return rotary_phases(torch.arange(at, at + x.shape[1], device=x.device), width=x.shape[2])
 
 
-BRANCHES = 2  # without sound, with sound: both guidance branches of a session ride in one batch
-
-
-@dataclass
-class GptState(StreamState):
-    """`motion` ends with the last frame (normalised); zeros are the mean face.
-
-    `ring` holds the keys and values (in this order) of the ring form, per layer and guidance branch. Frame k of a
-    session lies in slot k mod n and is written once.
-    """
-
-    ring: Float[Tensor, "b l 2 2 w n"]  # without layers in the window form
-    motion: Float[Tensor, "b m c"]
-    sound: Float[Tensor, "b p a"]  # features of the past inputs; none in the ring form
-    seen: Int[Tensor, " b"]  # frames generated
-
-
-@dataclass
-class Run:
-    """The caches of one chunk in the window form: rows are sessions x branches."""
-
-    caches: list[list[Tensor]]  # per block and attention (r n d)
-    at: int
-
-
 class WindowBlock(nn.Module):
     """Attention, then sound, attention and MLP; each reads a normalised input."""
 
@@ -161,11 +135,11 @@ class WindowBlock(nn.Module):
         x = x + self.attn2(self.norm3(x))
         return x + cast(Tensor, self.mlp(self.norm4(x)))
 
-    def extend(self, x: Tensor, sound: Tensor, run: Run, block: int) -> Float[Tensor, "r t c"]:
-        """The next positions."""
-        x = x + self.attn1.extend(self.norm1(x), run.caches[block][0], run.at)
+    def extend(self, x: Tensor, sound: Tensor, caches: tuple[Tensor, Tensor], at: int) -> Float[Tensor, "r t c"]:
+        """The next positions; each attention has a cache."""
+        x = x + self.attn1.extend(self.norm1(x), caches[0], at)
         x = x + self.norm2(x) + sound
-        x = x + self.attn2.extend(self.norm3(x), run.caches[block][1], run.at)
+        x = x + self.attn2.extend(self.norm3(x), caches[1], at)
         return x + cast(Tensor, self.mlp(self.norm4(x)))
 
 
@@ -208,55 +182,9 @@ class FaceGpt(nn.Module):
         x = self.embed(motion)
         for block in self.blocks:
             x = block(x, sound)
-        return self._condition(x)
+        return self.condition(x)
 
-    def init_state(self, rows: int) -> GptState:
-        """Nothing seen yet: the mean face, no sound."""
-        config, weight = self.config, self.embed.weight.detach()
-        past = config.context - 1
-        is_ring = config.memory == "ring"
-        layers = config.layers if is_ring else 0
-        shape = (rows, layers, BRANCHES, 2, config.width, config.context)
-        ring = torch.zeros(shape, dtype=torch.float32, device=weight.device)
-        motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
-        sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
-        return GptState(ring, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))
-
-    def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
-        """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + step."""
-        past, width = self.config.context - 1, self.config.width
-        shape = (BRANCHES * len(sound), past + self.config.step, 2 * width)
-        run = Run([[sound.new_empty(shape) for _ in range(2)] for _ in self.blocks], 0)  # a block has two attentions
-        self._advance(run, state.motion[:, :-1], sound[:, :past])
-        return run
-
-    def next(self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]) -> Float[Tensor, "b 2 d"]:
-        """The condition of the frame after `last`, without and with sound."""
-        x: Tensor = self._advance(run, last[:, None], sound[:, None])
-        return self._condition(x[:, 0]).view(-1, BRANCHES, self.config.condition)
-
-    def commit(self, state: GptState, frames: Tensor, features: Tensor, active: Bool[Tensor, " b"]) -> None:
-        """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs.
-
-        The ring was written while they were generated.
-        """
-        count, past = frames.shape[1], self.config.context - 1
-        history = torch.cat([state.motion, frames], 1)[:, -state.motion.shape[1] :]
-        write_rows(state.motion, history, active)
-        if state.sound.shape[1]:
-            write_rows(state.sound, features[:, -past:], active)
-        write_rows(state.seen, state.seen + count, active)
-
-    def _advance(self, run: Run, motion: Tensor, sound: Tensor) -> Float[Tensor, "r t c"]:
-        """Motion goes to both branches, sound to the second (window form; `FrameDecoder` runs the ring)."""
-        sound = torch.stack([torch.zeros_like(sound), sound], 1).flatten(0, 1)
-        x: Tensor = self.embed(motion).repeat_interleave(BRANCHES, 0)
-        for index, block in enumerate(self.blocks):
-            assert isinstance(block, WindowBlock)
-            x = block.extend(x, sound, run, index)
-        run.at += motion.shape[1]
-        return x
-
-    def _condition(self, x: Tensor) -> Tensor:
+    def condition(self, x: Float[Tensor, "*b c"]) -> Float[Tensor, "*b d"]:
+        """What the head is told by the last block's output."""
         y: Tensor = self.output_proj(self.output_norm(x))
         return y

@@ -5,19 +5,20 @@ Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming a
 
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn.torch_step import TorchStep
 
-from .config import FaceConfig, MelConfig
+from .config import STILL, FaceConfig, MelConfig
+from .decoder import FrameDecoder
 from .encoder import AudioEncoder, HubertEncoder, MelEncoder
 from .flow import FlowHead
 from .gpt import FaceGpt
-
-_TINY = 1e-8
-STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
+from .window import WindowFrames
 
 
 class FaceModel(Checkpointed):
@@ -45,18 +46,33 @@ class FaceModel(Checkpointed):
         self.register_buffer("std", torch.ones(config.channels))
 
     def hear(self, x: Float[Tensor, "b s"], state: Any, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n w"]:
-        """What the frames of the next chunks hear (ring form); `state` is the encoder's."""
-        heard: Tensor = self.gpt.sound_proj(self.encoder.step(x, state, active))
-        return heard
+        """What the frames of the next chunks hear; `state` is the encoder's. The window form keeps features instead."""
+        heard: Tensor = self.encoder.step(x, state, active)
+        return self.gpt.sound_proj(heard) if self.config.memory == "ring" else heard
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `FrozenFace`."""
+        return {name: weight.numpy() for name, weight in self.state_dict().items()}
+
+    def ear(self) -> TorchStep:
+        """See `FrozenFace`."""
+        return TorchStep(self.eval().hear, self.encoder.init_state)
+
+    def frames(self) -> FrameDecoder | TorchStep:
+        """See `FrozenFace`."""
+        if self.config.memory == "ring":
+            return FrameDecoder(self.config, self.arrays())
+        window = WindowFrames(self.eval())
+        return TorchStep(window.step, window.init_state)
 
     def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
         """Curves from normalised ones; not clamped."""
         return normal * self.scale() * self.moving() + self.mean
 
-    def moving(self) -> Tensor:
-        """1 for the channels that this model moves, 0 for the others (c)."""
+    def moving(self) -> Float[Tensor, " c"]:
+        """1 for the channels that this model moves, 0 for the others."""
         return (self.std > STILL).to(self.std)
 
-    def scale(self) -> Tensor:
-        """The deviation by which each channel is normalised (c)."""
-        return self.std.clamp_min(max(self.config.least_std, _TINY))
+    def scale(self) -> Float[Tensor, " c"]:
+        """The deviation by which each channel is normalised."""
+        return self.std.clamp_min(self.config.least_scale)

@@ -4,24 +4,46 @@ Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of 
 matching, guidance 2.0. A session's face depends on its own sound and seed only.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES
 from echoavatar.nn import StreamState
-from echoavatar.nn.exported import ExportedStep
 from echoavatar.timing import SAMPLES_PER_FRAME
 
+from .config import STILL, FaceConfig
 from .decoder import FrameDecoder
-from .flow import face_noise
-from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
-from .model import FaceModel
+from .noise import face_noise
+
+if TYPE_CHECKING:
+    from echoavatar.nn.exported import ExportedStep
+
+    from .model import FaceModel
+
+
+class FrozenFace(NamedTuple):
+    """A trained face (ring form) without torch: its ear is a graph, its weights are those of a checkpoint by name."""
+
+    config: FaceConfig
+    weights: Mapping[str, Float[np.ndarray, "..."]]
+    graph: "ExportedStep"  # of `FaceModel.hear`
+
+    def arrays(self) -> Mapping[str, Float[np.ndarray, "..."]]:
+        """Weights and statistics of the curves."""
+        return self.weights
+
+    def ear(self) -> "ExportedStep":
+        """Sound of a step to what its frames hear."""
+        return self.graph
+
+    def frames(self) -> FrameDecoder:
+        """What the frames of a step hear, and noise, to normalised curves."""
+        return FrameDecoder(self.config, self.weights)
 
 
 @dataclass
@@ -29,96 +51,47 @@ class FaceState(StreamState):
     """All zero: the mean face, nothing heard yet."""
 
     encoder: StreamState
-    gpt: GptState
+    frames: Any  # of the ring or of the window
     idle: IdleState
 
 
 class FaceStream:
     """A running face model, with idle motion (`idle`) on the channels that it does not move."""
 
-    def __init__(self, model: FaceModel, *, has_idle: bool = True, ear: ExportedStep | None = None) -> None:
-        """Without `has_idle` the curves are the model's alone; `ear` is the exported `FaceModel.hear` (ring form)."""
-        self.model, self._ear = model.eval(), ear
-        names = APPLE_NAMES if model.config.order == "apple" else ARKIT_NAMES
-        self._order = torch.tensor([names.index(name) for name in ARKIT_NAMES])
-        moving = model.moving().cpu()[self._order]
-        self.idle = IdleFace(moving if model.config.idle and has_idle else torch.ones_like(moving))
-        self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
-        with torch.no_grad():
-            self._schedule = model.head.schedule(model.config.sampling_steps)
+    def __init__(
+        self, model: "FaceModel | FrozenFace", *, has_idle: bool = True, ear: "ExportedStep | None" = None
+    ) -> None:
+        """Without `has_idle` the curves are the model's alone; `ear` replaces the model's own."""
+        config, weights = model.config, model.arrays()
+        self.config, self._ear, self._frames = config, ear or model.ear(), model.frames()
+        names = APPLE_NAMES if config.order == "apple" else ARKIT_NAMES
+        self._order = [names.index(name) for name in ARKIT_NAMES]
+        self._mean, std = weights["mean"][self._order], weights["std"][self._order]
+        moving = std > STILL
+        self._spread = np.maximum(std, config.least_scale) * moving
+        self.idle = IdleFace(moving if config.idle and has_idle else np.ones(len(names), np.bool_))
 
     def init_state(self, rows: int) -> FaceState:
         """A fresh state."""
-        model = self.model
-        ear = self._ear or model.encoder
-        states = ear.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
-        return FaceState(*states)
+        return FaceState(self._ear.init_state(rows), self._frames.init_state(rows), self.idle.init_state(rows))
 
-    @torch.no_grad()
     def step(
-        self, audio: Float[Tensor, "b s"], state: FaceState, active: Bool[Tensor, " b"], seeds: Int[Tensor, " b"]
-    ) -> Float[Tensor, "b t 52"]:
+        self, audio: Float[Any, "b s"], state: FaceState, active: Bool[Any, " b"], seeds: Int[Any, " b"]
+    ) -> Float[Any, "b t 52"]:
         """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
 
         Raises ValueError if the samples are not whole steps.
         """
-        samples = self.model.config.step * SAMPLES_PER_FRAME
+        config = self.config
+        samples = config.step * SAMPLES_PER_FRAME
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
-
-        with _one_thread():
-            faces = self._faces(audio, state, active, seeds)
-            return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
-
-    def _faces(self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor) -> Float[Tensor, "b t 52"]:
-        """The model's curves, without idle motion."""
-        hear, gpt, faces = self.model.hear if self._ear is None else self._ear.step, self.model.gpt, []
-        for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
-            noise = self._noise(state.gpt.seen, seeds)
-            if self._decoder is None:
-                features = self.model.encoder.step(chunk, state.encoder, active)
-                normal = self.generate(features, state.gpt, active, noise)
-            else:
-                heard = hear(chunk, state.encoder, active)
-                frames = self._decoder.run(state.gpt, heard, active, noise, self._schedule)
-                normal = torch.from_numpy(frames).to(noise)
-                gpt.commit(state.gpt, normal, heard, active)
-            faces.append(self.model.denormalize(normal).clamp(0, 1)[..., self._order])
-        return torch.cat(faces, 1)
-
-    @torch.no_grad()
-    def generate(
-        self,
-        features: Float[Tensor, "b n a"],
-        state: GptState,
-        active: Bool[Tensor, " b"],
-        noise: Float[Tensor, "b t c"],
-    ) -> Float[Tensor, "b t c"]:
-        """Normalised frames of one step (window form), from the features of its frames and, in front, earlier ones."""
-        gpt, config = self.model.gpt, self.model.config
-        features = torch.cat([state.sound, features], 1)[:, -(state.sound.shape[1] + config.step) :]
-        sound = gpt.sound_proj(features)
-        run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
-        for i in range(config.step):
-            condition = gpt.next(run, last, sound[:, i - config.step])
-            last = self.model.head.sample(condition, noise[:, i], self._schedule, guidance=config.guidance)
-            frames.append(last)
-        generated = torch.stack(frames, 1)
-        gpt.commit(state, generated, features, active)
-        return generated
-
-    def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b n c"]:
-        config = self.model.config
-        noise = face_noise(seeds, frame, count=config.step, channels=config.channels, hold=config.noise_hold)
-        return noise.to(self.model.mean)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Operations as small as these take longer when torch shares them out, above all on a busy machine."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+        count, made = audio.shape[1] // samples, []
+        noise = face_noise(
+            seeds, state.idle.seen, count=count * config.step, channels=config.channels, hold=config.noise_hold
+        )
+        for chunk, drawn in zip(np.split(audio, count, 1), np.split(noise, count, 1), strict=True):
+            heard = self._ear.step(chunk, state.encoder, active)
+            made.append(self._frames.step(heard, state.frames, active, drawn))
+        faces = np.clip(np.concatenate(made, 1)[..., self._order] * self._spread + self._mean, 0, 1)
+        return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)

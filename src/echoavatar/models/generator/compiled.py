@@ -9,12 +9,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from echoavatar.nn.kernel_math import HALF, ONE, ZERO, F, Matrices, attend, exponential, product, silu
 from echoavatar.nn.kernels import kernel
-
-from .linear import StoredWeight
 
 BISECTIONS = 40
 
@@ -238,14 +235,3 @@ def draw_codes(
 def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     """Padded to a multiple of eight, because numba compiles anew for every length of a tuple."""
     return (*rings, *[rings[-1]] * (-len(rings) % 8))
-
-
-def stacked(maps: Sequence[StoredWeight]) -> Matrices:
-    """The same linear map of several layers in one array."""
-    weight = np.ascontiguousarray(np.stack([one.weight.numpy() for one in maps]))
-
-    def vectors(found: Sequence[Tensor | None], missing: float) -> np.ndarray:
-        rows = [np.full(weight.shape[1], missing, F) if v is None else v.float().numpy() for v in found]
-        return np.ascontiguousarray(np.stack(rows), F)
-
-    return Matrices(weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0))

@@ -9,6 +9,7 @@ from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, e
 
 from ..tokens import ORDERS, SequenceOrder, TokenLayout
 
+Precision = Literal["float32", "bfloat16", "int8"]  # of weights, see `linear`
 AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)  # 10
 
 

@@ -11,7 +11,6 @@ state is a hint: it is added to the embedding of every code.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,29 +19,19 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from echoavatar.nn import StreamState
 from echoavatar.nn.attention import rotary_phases
 from echoavatar.nn.graphs import GraphCache
 from echoavatar.nn.kernel_math import Matrices
 
 from . import compiled
-from .config import AUDIO_FRAMES_PER_TOKEN
+from .config import AUDIO_FRAMES_PER_TOKEN, Precision
 from .exemplar import ExemplarControl, Steer, member_rows
-from .linear import FloatLinear, FrozenLayer, FrozenLinear, Precision, frozen_linear
-from .manner import MannerControl
+from .frames import KeyValueRing
+from .frozen import stacked
+from .linear import FloatLinear, FrozenLayer, FrozenLinear, frozen_linear
+from .manner_control import MannerControl
 from .model import Body, DecoderLayer, Generator
 from .sampling import Sampler
-
-
-@dataclass
-class KeyValueRing(StreamState):
-    """Keys (already rotated) and values of one layer, slots last, so that sums over slots run through memory.
-
-    The last slot takes the writes of rows that must not change.
-    """
-
-    keys: Float[Tensor, "b h d s"]
-    values: Float[Tensor, "b h d s"]
 
 
 class Places(NamedTuple):
@@ -97,7 +86,7 @@ class Decoder:
         return self._embedding.device
 
     def rings(self, rows: int, slots: int) -> list[KeyValueRing]:
-        """Empty rings of `slots` positions and the spare slot."""
+        """Empty rings of `slots` positions and a spare slot, which takes the writes of rows that must not change."""
         config = self.config
         shape = (rows, config.kv_heads, config.head_width, slots + 1)
         return [
@@ -253,17 +242,17 @@ class Decoder:
         config, layers = self.config, self._layers
         assert all(isinstance(head, FloatLinear) for head in self._heads)
 
-        def stacked(*maps: FrozenLinear) -> Matrices:
-            return compiled.stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
+        def joined(*maps: FrozenLinear) -> Matrices:
+            return stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
 
         starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
         return compiled.Weights(
             self._embedding.numpy(),
-            stacked(*(layer.qkv for layer in layers)),
-            stacked(*(layer.out for layer in layers)),
-            stacked(*(layer.gate_up for layer in layers)),
-            stacked(*(layer.down for layer in layers)),
-            stacked(*self._heads),
+            joined(*(layer.qkv for layer in layers)),
+            joined(*(layer.out for layer in layers)),
+            joined(*(layer.gate_up for layer in layers)),
+            joined(*(layer.down for layer in layers)),
+            joined(*self._heads),
             np.array(starts),
             np.float32(config.width * config.norm_eps),
         )
@@ -382,4 +371,4 @@ def _positions(places: Places) -> compiled.Positions:
 
 
 def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
-    return [tensor for ring in rings for tensor in ring.tensors()]
+    return [tensor for ring in rings for tensor in ring.arrays()]

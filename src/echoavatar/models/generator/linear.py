@@ -5,26 +5,16 @@ scale per output row) quarters what the compiled loop reads. Only weights are qu
 independent of its neighbours in the batch, as dynamically quantised activations would not.
 """
 
-from typing import Literal, NamedTuple
-
+import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int8
+from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.checkpoint import round_to_int8
+from echoavatar.stored import Stored, round_to_int8
 
+from .config import Precision
 from .model import DecoderLayer
-
-Precision = Literal["float32", "bfloat16", "int8"]
-
-
-class StoredWeight(NamedTuple):
-    """y = (W x) scale + bias: the numbers that the compiled loop reads."""
-
-    weight: Float[Tensor, "o i"] | Int8[Tensor, "o i"]
-    scale: Float[Tensor, " o"] | None
-    bias: Float[Tensor, " o"] | None
 
 
 class FloatLinear:
@@ -40,9 +30,9 @@ class FloatLinear:
         """Map rows."""
         return torch.mm(x, self._weight) if self._bias is None else torch.addmm(self._bias, x, self._weight)
 
-    def stored(self) -> StoredWeight:
-        """The weights as they are."""
-        return StoredWeight(self._weight.T, None, self._bias)
+    def stored(self) -> tuple[Stored, Float[np.ndarray, " o"] | None]:
+        """What the compiled loop reads: weights, rounded or not, and the bias."""
+        return self._weight.T.numpy(), None if self._bias is None else self._bias.numpy()
 
 
 class HalfLinear:
@@ -63,13 +53,12 @@ class Int8Linear(FloatLinear):
     """Weights rounded to int8 with one scale per output row; rows are mapped by the same weights in float32."""
 
     def __init__(self, weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"] | None) -> None:
-        self._rounded, scale = round_to_int8(weight.detach().float())
-        self._scale = scale[:, 0]
-        super().__init__(self._rounded.float() * scale, bias)
+        self._rounded = round_to_int8(weight.detach().float().cpu().numpy())
+        super().__init__(torch.from_numpy(self._rounded.floats()).to(weight.device), bias)
 
-    def stored(self) -> StoredWeight:
-        """Integers and their scales."""
-        return StoredWeight(self._rounded, self._scale, self._bias)
+    def stored(self) -> tuple[Stored, Float[np.ndarray, " o"] | None]:
+        """Integers with their scales, and the bias."""
+        return self._rounded, super().stored()[1]
 
 
 FrozenLinear = FloatLinear | HalfLinear

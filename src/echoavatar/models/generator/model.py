@@ -27,7 +27,7 @@ from echoavatar.nn.attention import phase_table, rotary, rotary_phases
 
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .exemplar import ExemplarControl
-from .manner import MannerControl
+from .manner_control import MannerControl
 
 BLOCK = 256
 

@@ -18,10 +18,10 @@ from torch import Tensor
 from echoavatar.nn import StreamingModule, StreamState, write_rows
 
 from ..tokens import Interleaved, Prefix
-from .config import AUDIO_FRAMES_PER_TOKEN
-from .decoder import Decoder, DepthDecoder, KeyValueRing, Places
+from .config import AUDIO_FRAMES_PER_TOKEN, Precision
+from .decoder import Decoder, DepthDecoder, Places
 from .exemplar import Steer, control_ids
-from .linear import Precision
+from .frames import FrameState, KeyValueRing
 from .model import Generator
 from .sampling import Sampler, gumbel_noise, make_sampler
 
@@ -291,15 +291,6 @@ class PrefixStream(GeneratorStream[HistoryState]):
         return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
 
 
-@dataclass
-class FrameState(StreamState):
-    """Keys and values of the backbone's window, the last frame's codes, and how many frames were heard."""
-
-    rings: list[KeyValueRing]
-    last: Int[Tensor, "b p q"]
-    frames: Int[Tensor, " b"]
-
-
 class DepthStream(GeneratorStream[FrameState]):
     """Bounded memory, no re-reading: a chunk costs two steps of the backbone and 6 Q of the depth transformer."""
 
@@ -319,7 +310,8 @@ class DepthStream(GeneratorStream[FrameState]):
         return FrameState(self._decoder.backbone.rings(rows, self._slots), last, last[:, 0, 0].clone())
 
     def _heard(self, state: FrameState) -> Int[Tensor, " b"]:
-        return state.frames // self.config.step
+        heard: Tensor = state.frames // self.config.step
+        return heard
 
     def _generate(
         self,
@@ -374,7 +366,7 @@ class DepthStream(GeneratorStream[FrameState]):
 def _clear_spare(rings: Sequence[KeyValueRing]) -> None:
     """Forget what rows that were not active wrote."""
     for ring in rings:
-        for tensor in ring.tensors():
+        for tensor in ring.arrays():
             tensor[..., -1] = 0
 
 

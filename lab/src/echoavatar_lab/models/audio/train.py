@@ -22,7 +22,8 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.models.audio.codec import AudioCodec
-from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, Run, init_network_state
+from echoavatar.models.audio.codec_config import CODE_LAYERS, CodecConfig
+from echoavatar.models.audio.network import Convolution, Run, init_network_state
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
 from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw, seeded
 

@@ -30,8 +30,8 @@ from echoavatar.errors import MotionError
 from echoavatar.models.audio import LevelControl
 from echoavatar.models.face.config import FaceConfig, HubertConfig, MelConfig
 from echoavatar.models.face.encoder import HubertEncoder
-from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
+from echoavatar.models.face.noise import FULL_NOISE
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
 from echoavatar_lab.paper import FACE
@@ -189,8 +189,7 @@ def following(clip: FaceClip, frames: int) -> FaceClip:
 
 def levelled(clip: FaceClip) -> FaceClip:
     """The clip as the live model hears it, behind the level control."""
-    audio = LevelControl()(torch.from_numpy(clip.audio)[None])[0].numpy()
-    return replace(clip, audio=audio)
+    return replace(clip, audio=LevelControl()(clip.audio[None])[0])
 
 
 TOUCHING = 0.05  # gap of closed lips, as a share of the jaw's range

@@ -24,14 +24,8 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import (
-    BodyTokenizer,
-    BodyTokenizerConfig,
-    FeatureStatistics,
-    MotionTokenizer,
-    MotionTokenizerConfig,
-    split_parts,
-)
+from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics, MotionTokenizer, split_parts
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
