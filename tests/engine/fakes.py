@@ -27,6 +27,7 @@ class FakePipeline:
     additions = frozenset(SESSION)
     directive_codes = 0
     has_manner = False
+    rows_are_apart = True
     device = torch.device("cpu")
     face = None
 

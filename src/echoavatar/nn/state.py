@@ -28,8 +28,8 @@ class StreamState:
                 else:
                     yield torch.from_numpy(part) if isinstance(part, np.ndarray) else part
 
-    def rows(self, which: slice) -> Self:
-        """The state of some rows, as views: a step on them changes the whole state."""
+    def rows(self, which: "slice | list[int]") -> Self:
+        """The state of some rows. A slice gives views: a step on them changes the whole state; a list gives copies."""
         part = copy.copy(self)
         vars(part).update({name: _rows(value, which) for name, value in vars(self).items()})
         return part
@@ -49,7 +49,7 @@ class StreamState:
             tensor[rows] = saved[rows]
 
 
-def _rows(value: Any, which: slice) -> Any:
+def _rows(value: Any, which: "slice | list[int]") -> Any:
     if isinstance(value, list):
         return [_rows(part, which) for part in value]
     return value.rows(which) if isinstance(value, StreamState) else value[which]

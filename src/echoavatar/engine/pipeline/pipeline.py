@@ -28,7 +28,7 @@ from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.stream import FrameState, GeneratorStream, HistoryState, RingState
+from echoavatar.models.generator.stream import DepthStream, FrameState, GeneratorStream, HistoryState, RingState
 from echoavatar.models.tokenizer import BodyState
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
@@ -148,6 +148,9 @@ class Pipeline:
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
+        is_exported = {"codec", "tokenizer", *(["face"] if self.face else [])} <= steps.keys()
+        is_compiled = isinstance(self.generator, DepthStream) and precision != "bfloat16"
+        self.rows_are_apart = is_exported and is_compiled  # a row's sums are the same in every batch; torch's are not
         self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
         self._warm_start: PipelineState | None = None
