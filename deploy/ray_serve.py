@@ -48,7 +48,9 @@ class Avatars:
             token=os.environ.get("ECHOAVATAR_TOKEN", ""),
             connections=self._seats + SPARE,
         )
-        app = create_app(load(self._model, seats=self._seats), settings)
+        engine = load(self._model, seats=self._seats)
+        engine.measure()
+        app = create_app(engine, settings)
         self._manager = app.state.manager
         return RequestChecks(app, None if settings.token else ())
 

@@ -21,6 +21,7 @@ def test_a_chunk_waits_for_its_own_step_at_least() -> None:
 def test_steps_longer_than_a_chunk_are_not_in_real_time() -> None:
     loads = bench_sessions(Body(0.4), (1,), seconds=1.5)  # type: ignore[arg-type]
     assert not loads[0].in_real_time
+    assert loads[0].admitted == 1
     assert summary(loads)["sessions_in_real_time"] == 0
 
 
@@ -31,5 +32,11 @@ def test_every_manner_of_neighbour_is_tried() -> None:
 
 
 def test_the_summary_names_the_largest_load_in_real_time() -> None:
-    loads = [Load(1, 9, 9, 0.1, 1.0, True), Load(2, 9, 9, 0.2, 1.0, True), Load(3, 9, 900, 0.9, 1.0, False)]
+    loads = [Load(1, 1, 9, 9, 0, 0.1, 1, True), Load(4, 2, 9, 9, 0, 0.2, 1, True), Load(3, 3, 9, 900, 7, 0.9, 1, False)]
     assert summary(loads)["sessions_in_real_time"] == 2
+
+
+def test_who_finds_no_room_is_not_served() -> None:
+    (load,) = bench_sessions(Body(0.2), (3,), seconds=1)  # type: ignore[arg-type]
+    assert load.admitted == 1
+    assert load.late > 0

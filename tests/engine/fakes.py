@@ -26,6 +26,7 @@ class FakePipeline:
     additions = frozenset(SESSION)
     directive_codes = 0
     has_manner = False
+    rows_are_apart = True
     device = "cpu"
     face = None
 

@@ -191,7 +191,7 @@ def test_hours_in_which_the_process_was_stopped_are_not_counted_as_a_step(monkey
     monkeypatch.setattr("echoavatar.engine.engine.time.monotonic", lambda: now)
     thread = EngineThread(machine)
     machine.open_core().push(np.ones(6_400, np.float32))
-    machine._claim(1)
+    machine._claim(everyone=True)
     for _ in range(3):
         now += 1
         thread.watch()

@@ -66,6 +66,24 @@ async def test_who_waits_before_a_full_server_keeps_a_place(monkeypatch: pytest.
     manager.enter(Hello(), Outbox())
 
 
+async def test_who_comes_beyond_what_the_machine_carries_is_told_so_and_nobody_ends_for_it() -> None:
+    manager = SessionManager(Engine(Body(), seats=8, workers=1), ServerSettings())  # type: ignore[arg-type]
+    manager.engine._capacity.note(0.1, 1)  # twice within 0.8 of a chunk's time
+    box = Outbox()
+    lost, stays = manager.enter(Hello(), box), manager.enter(Hello(), Outbox())
+    with pytest.raises(ProtocolError, match="carries 2 sessions") as caught:
+        manager.enter(Hello(), Outbox())
+    assert (caught.value.code, caught.value.retry_after) == ("overloaded", 5.0)
+    assert b"echoavatar_room 2.0" in manager.metrics.text()
+    manager.leave(lost, box, for_good=False)
+    manager.engine._capacity.note(1.0, 1)  # now it carries one, and without the lost one it has no room either
+    assert refusal(manager, "ann") == (1, RETRY_S)
+    assert manager.names == (lost.name, stays.name)
+    manager.end(stays)
+    assert manager.enter(Hello(ticket="ann"), Outbox()).name == manager.names[-1]
+    assert lost.name not in manager.names
+
+
 async def test_a_flood_of_tickets_takes_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
     manager = SessionManager(Engine(Body(), seats=1), ServerSettings())  # type: ignore[arg-type]
     manager.enter(Hello(), Outbox())

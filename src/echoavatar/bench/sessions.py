@@ -1,7 +1,8 @@
 """`echoavatar bench sessions`: how many sessions one engine serves in real time, and how long their chunks wait.
 
-Sessions start at different moments, and each sends a chunk of audio in real time; the engine serves them from its own
-threads, as in the server. A run therefore takes as long as its audio, and other load on the machine affects it.
+Sessions come one after the other. Those that the engine has room for send a chunk of audio in real time, and it serves
+them from its own threads, as in the server; the others are refused. A run therefore takes as long as its audio, and
+other load on the machine affects it.
 """
 
 import gc
@@ -23,14 +24,19 @@ CLIENT_KINDS: tuple[ClientKind, ...] = ("behaves", "floods", "stalls", "vanishes
 WARM_UP_CHUNKS = 16  # longer than the attention window
 GOLDEN_RATIO = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
 GIVE_UP_CHUNKS = 4  # chunks of waiting beyond which larger loads are not tried
+COUNTS = (1, 2, 4, 6, 8, 10, 12, 16)
+JOIN_CHUNKS = 1  # between a session and the next one
+LATE_MS = 150.0  # the server schedules silence as long before it is due, beside the engine's own time
 
 
 class Load(NamedTuple):
-    """One number of sessions, and how they were served."""
+    """One number of sessions that came, and how those that were admitted were served."""
 
     sessions: int
+    admitted: int
     p50_ms: float  # from the end of a chunk's audio to its motion
     p99_ms: float
+    late: int  # chunks that took longer than `LATE_MS`
     busy: float  # share of time that the workers worked
     memory_mb: float  # for each session, including the rewind buffer
     in_real_time: bool  # p99 is within a chunk, and the delay does not grow
@@ -38,7 +44,7 @@ class Load(NamedTuple):
 
 def bench_sessions(
     pipeline: Pipeline,
-    counts: tuple[int, ...] = (1, 2, 3, 4),
+    counts: tuple[int, ...] = COUNTS,
     *,
     seconds: float = 20.0,
     progress: Callable[[int, int], None] | None = None,
@@ -55,13 +61,13 @@ def bench_sessions(
 
 
 def bench_neighbour(pipeline: Pipeline, *, sessions: int = 2, seconds: float = 20.0) -> dict[str, float]:
-    """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes."""
+    """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes; nobody is refused."""
     return {kind: _serve(pipeline, sessions + 1, seconds, kind).p99_ms for kind in CLIENT_KINDS}
 
 
 def summary(loads: list[Load]) -> dict[str, object]:
     """The report as one JSON object."""
-    served = [load.sessions for load in loads if load.in_real_time]
+    served = [load.admitted for load in loads if load.in_real_time]
     return {
         "sessions_in_real_time": max(served, default=0),
         "threads": threads(),
@@ -69,51 +75,60 @@ def summary(loads: list[Load]) -> dict[str, object]:
     }
 
 
-def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "behaves") -> Load:
+def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind | None = None) -> Load:
+    """With `last`, all are admitted, and the last one is of that kind."""
     gc.collect()  # memory of the previous load
     before, chunk_s = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
-    clients = [_Client(engine.open_core(seed=seat), seat) for seat in range(count)]
-    clients[-1].kind = last
+    engine.measure()
     chunks = max(4, round(seconds / chunk_s)) + WARM_UP_CHUNKS
+    admitted: dict[int, _Client] = {}
     with EngineThread(engine) as threads:
-        began = time.perf_counter()
-        due = [(began + client.phase + chunk * chunk_s, client) for client in clients for chunk in range(chunks)]
-        for moment, client in sorted(due, key=lambda item: item[0]):
+        began, worked = time.perf_counter(), engine.busy_seconds
+        starts = [(JOIN_CHUNKS * seat + (seat * GOLDEN_RATIO) % 1) * chunk_s for seat in range(count)]
+        due = [(began + start + chunk * chunk_s, seat) for seat, start in enumerate(starts) for chunk in range(chunks)]
+        for moment, seat in sorted(due):
             time.sleep(max(0.0, moment - time.perf_counter()))
-            client.send(moment - began)
+            is_first = moment == began + starts[seat]
+            if is_first and (engine.free > 0 or last):
+                kind = last if last and seat == count - 1 else "behaves"
+                admitted[seat] = _Client(engine.open_core(seed=seat), seat, kind)
+            if seat in admitted:
+                admitted[seat].send(moment - began - starts[seat])
             if threads.error is not None:
                 raise threads.error
+        clients = list(admitted.values())
         watched = [client for client in clients if client.kind == "behaves"]
         deadline = time.perf_counter() + GIVE_UP_CHUNKS * chunk_s * count
         while any(len(client.waits) < chunks for client in watched) and time.perf_counter() < deadline:
             time.sleep(0.01)
-        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.workers
-        memory = (resident_mb() - before) / count
+        busy = (engine.busy_seconds - worked) / (time.perf_counter() - began) / engine.workers
+        memory = (resident_mb() - before) / len(clients)
     is_behind = any(len(client.waits) < chunks for client in watched)
     for client in clients:
         client.session.close()
         now = time.perf_counter()
         client.waits.extend(now - sent for sent in client.unanswered)  # as if answered now
-    waits = np.concatenate([client.waits[WARM_UP_CHUNKS:] for client in watched])
-    p50, p99 = np.percentile(waits, [50, 99]) * 1000
+    waits = 1000 * np.concatenate([client.waits[WARM_UP_CHUNKS:] for client in watched])
+    p50, p99 = np.percentile(waits, [50, 99])
     tail = np.mean([client.waits[-4:] for client in watched])
     return Load(
-        count,
-        round(float(p50), 1),
-        round(float(p99), 1),
-        round(busy, 3),
-        round(memory, 2),
-        bool(p99 <= 1000 * chunk_s and tail < chunk_s and not is_behind),
+        sessions=count,
+        admitted=len(clients),
+        p50_ms=round(float(p50), 1),
+        p99_ms=round(float(p99), 1),
+        late=int((waits > LATE_MS).sum()),
+        busy=round(busy, 3),
+        memory_mb=round(memory, 2),
+        in_real_time=bool(p99 <= 1000 * chunk_s and tail < chunk_s and not is_behind),
     )
 
 
 class _Client:
     """A client session: sends audio on time and records how long the motion of each chunk took."""
 
-    def __init__(self, session: SessionCore, seat: int) -> None:
-        self.session, self.kind = session, CLIENT_KINDS[0]
-        self.phase = (seat * GOLDEN_RATIO) % 1 * self.session.chunk.seconds
+    def __init__(self, session: SessionCore, seat: int, kind: ClientKind) -> None:
+        self.session, self.kind = session, kind
         self.waits: list[float] = []
         self.unanswered: list[float] = []  # when each was sent
         self._rng, self._lock = np.random.default_rng(seat), threading.Lock()

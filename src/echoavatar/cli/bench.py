@@ -51,15 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
-        description="Serve 1, 2, 3 ... sessions that start at different moments; time from audio to motion, memory.",
+        description="Let 1, 2, 4 ... sessions come; time from audio to motion of those that the machine has room for.",
     )
     many.epilog = "example: echoavatar bench sessions --size paper --device cuda --counts 16,32,64"
     _models(many)
     many.add_argument(
-        "--counts",
-        type=_counts,
-        default=(1, 2, 3, 4),
-        help="numbers of sessions to try, such as 1,2,4 (default: 1,2,3,4)",
+        "--counts", type=_counts, default="1,2,4,6,8,10,12,16", help="numbers of sessions to try (default: %(default)s)"
     )
     many.add_argument("--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)")
     many.add_argument("--neighbours", action="store_true", help="also beside a session that floods, stalls or vanishes")
@@ -146,10 +143,10 @@ def _sessions(args: argparse.Namespace) -> int:
     pipeline = _pipeline(args)
     with progress(unit="load", leave=False) as show:
         loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, progress=show)
-    print(f"{'sessions':<10}{'p50 ms':>10}{'p99 ms':>10}{'busy':>8}{'MB each':>10}  in real time")
+    print(f"{'came':<6}{'admitted':>10}{'p50 ms':>10}{'p99 ms':>10}{'late':>6}{'busy':>8}{'MB each':>10}  in real time")
     for load in loads:
-        numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
-        print(f"{load.sessions:<10}{numbers}  {'yes' if load.in_real_time else 'no'}")
+        numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.late:>6}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
+        print(f"{load.sessions:<6}{load.admitted:>10}{numbers}  {'yes' if load.in_real_time else 'no'}")
     report = summary(loads)
     if args.neighbours:
         report["p99_ms_beside"] = bench_neighbour(pipeline, seconds=args.seconds)

@@ -38,7 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_pipeline(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
-    parser.add_argument("--seats", type=int, default=3, help="most sessions at the same time (default: %(default)s)")
+    parser.add_argument(
+        "--seats",
+        type=int,
+        default=16,
+        help="most sessions at the same time; there are fewer where the machine carries fewer in real time "
+        "(default: %(default)s)",
+    )
     parser.add_argument(
         "--token",
         help=f"token that clients must send; default: ${TOKEN}, else none on this machine, a random one on a network",
@@ -128,13 +134,14 @@ def run(args: argparse.Namespace) -> int:
         lists_sessions=is_loopback(args.host),
     )
     engine = load(args.model, seats=args.seats, device=args.device, without=args.without, runtime=args.runtime)
+    engine.measure()
     app = create_app(engine, settings)
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
         shown = page if is_made_up else f"{address}/"  # a token of the operator's own belongs in no log
         print(
-            f"echoavatar is at {shown}  ({args.seats} seats; runtime: {engine.pipeline.runtime}; Ctrl-C stops)",
+            f"echoavatar is at {shown}  (room for {engine.room}; runtime: {engine.pipeline.runtime}; Ctrl-C stops)",
             flush=True,
         )
         if settings.video:

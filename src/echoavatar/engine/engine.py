@@ -1,24 +1,29 @@
 """Many sessions over one pipeline: each owns one row of its state. Chunks are made in `tick` and `work` only.
 
-A worker claims a session's seat before it steps it, so several threads may call either at once.
+A worker claims the seats of sessions before it steps them, so several threads may call either at once. It takes its
+share of those that are ready, and steps them as one batch: the busier the machine, the larger the batches, and the less
+a chunk costs. Where a row's sums would depend on its batch, a worker steps one session at a time.
 
 A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds the session that causes it.
 If the pipeline cannot step silence either, `fault` holds it, and no session is stepped until `restart`. Else each
 session is tried once more by itself; one that fails again gets an `error` and is not stepped any more.
+
+A live session gets a seat only while the machine can carry one more (`Capacity`), so that nobody is late.
 """
 
 import ctypes
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.config import Precision
@@ -29,13 +34,15 @@ from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.nn.device import threads
 
 from .audio_queue import QUEUE_SECONDS
+from .capacity import Capacity
 from .pipeline import Pipeline, load_bundle
-from .pipeline.undo import changes, undo
+from .pipeline.undo import Patch, changes, undo
 from .session import Session
 from .session_core import SessionCore
 
 _LOG = logging.getLogger(__name__)
 REWIND = 15  # chunks, 4 s at the paper's step: how far a session can go back
+MEASURED = 8  # chunks that each worker makes to find out what one costs
 
 
 class Engine:
@@ -55,10 +62,9 @@ class Engine:
 
         `rewind` is how many chunks a session can take back; each costs 0.4 MB with the default bundle.
 
-        `workers` threads step sessions side by side, each session by itself (default: `nn.device.threads`, or 0 if the
-        models are on a GPU). 0 steps all sessions as one batch. A CPU spends as much on a row of a batch as on a row
-        alone, and a batch would make a session that is ready wait for the others; a GPU spends hardly more on a batch
-        than on a row.
+        `workers` threads step sessions side by side (default: `nn.device.threads`, or 0 if the models are on a GPU).
+        0 steps all rows in every batch, also those that are not ready: a GPU spends hardly more on them, and runs a
+        graph that it captured for that size.
 
         `reload` makes the pipeline anew for `restart`; without it, the same one goes on.
         """
@@ -84,6 +90,7 @@ class Engine:
         self._workers = own_workers if workers is None else workers
         self.is_batched = self._workers == 0  # sessions are stepped together, and one more in a step costs hardly more
         self.workers = max(1, self._workers)  # threads that can make use of `work`
+        self._capacity = Capacity(self.workers, self.chunk.seconds)
         self._pool = ThreadPoolExecutor(self._workers, "worker") if self._workers > 1 else None
         self._lock, self._awake = threading.RLock(), threading.Condition()
 
@@ -93,9 +100,30 @@ class Engine:
         return self.pipeline.skeleton
 
     @property
+    def room(self) -> int:
+        """How many live sessions the machine carries now, at most the seats."""
+        with self._lock:
+            return self._capacity.room(self.seats)
+
+    @property
     def free(self) -> int:
-        """How many more sessions can be opened now."""
-        return self.seats - len(self._sessions)
+        """How many more live sessions can be opened now; negative where there are more than the machine carries."""
+        return self.room - len(self._sessions)
+
+    def measure(self) -> None:
+        """Find out how many sessions the machine carries; for servers, before the first one comes.
+
+        A crowd that comes at once would else be let in before its chunks have told what they cost.
+        """
+        sessions = [self.open() for _ in range(min(self.workers, self.seats))]
+        for session in sessions:
+            session.push(np.zeros(MEASURED * self.chunk.samples, np.float32))
+        self.tick()  # the first one takes longer
+        self._capacity.forget()
+        while self.tick():
+            pass
+        for session in sessions:
+            session.close()
 
     def open(self, *, seed: int = 0, options: MotionOptions = FREE) -> Session:
         """Open a session. Its motion depends on its seed and audio alone, not on its neighbours.
@@ -115,13 +143,15 @@ class Engine:
         queue_seconds: float = QUEUE_SECONDS,
         is_paced: bool = False,
     ) -> SessionCore:
-        """As `open`, for servers: see `SessionCore`."""
+        """As `open`, for servers: see `SessionCore`. A paced session is a live one."""
         with self._lock:
             free = [seat for seat in range(self.seats) if seat not in self._sessions]
             if not free:
                 raise AdmissionError(
                     f"all {self.seats} seats are taken; close a session or open the engine with more seats"
                 )
+            if is_paced and self.free < 1:
+                raise AdmissionError(f"this machine carries {self.room} sessions now; close one, or try again later")
             core = SessionCore(
                 self,
                 free[0],
@@ -154,8 +184,9 @@ class Engine:
 
     def tick(self) -> int:
         """Step every session that is ready; return how many were. Raises what a step raises."""
-        ready = self._claim(self.seats)
-        groups = [[session] for session in ready] if self._workers else [ready] if ready else []
+        ready = self._claim(everyone=True)
+        size = max(1, self._share(len(ready)))
+        groups = [ready[first : first + size] for first in range(0, len(ready), size)]
         list((self._pool.map if self._pool else map)(lambda group: self._step(group, self._make), groups))
         for session in ready:
             if session.error is not None:
@@ -163,8 +194,8 @@ class Engine:
         return len(ready)
 
     def work(self) -> bool:
-        """Step the session with the least motion ahead, or all that are ready as one batch; False if none is."""
-        ready = self._claim(1 if self._workers else self.seats)
+        """Step a worker's share of the sessions that are ready as one batch; False if none is."""
+        ready = self._claim(everyone=self.is_batched)
         if ready:
             self._step(ready, self._make_or_contain)
         return bool(ready)
@@ -200,20 +231,32 @@ class Engine:
             self.restarts += 1
         self.wake()
 
-    def _claim(self, most: int) -> list[SessionCore]:
-        """Claim sessions that are ready and that no thread works on, those with the least motion ahead first."""
+    def _share(self, ready: int) -> int:
+        """How many of so many sessions go into a worker's batch."""
+        most = self.seats if self.is_batched or self.pipeline.rows_are_apart else 1
+        return min(most, math.ceil(ready / self.workers))
+
+    def _claim(self, *, everyone: bool) -> list[SessionCore]:
+        """Claim sessions that are ready and that no thread works on, those with the least motion ahead first.
+
+        Without `everyone`, a worker's share of those that need it most: who has motion does not delay who has none.
+        """
         with self._lock:
             if self.fault is not None:
                 return []
             idle = [session for seat, session in self._sessions.items() if seat not in self._claimed]
-            ready = sorted((session for session in idle if session.is_ready), key=lambda session: session.ahead)[:most]
-            for session in ready:
+            ready = sorted(((each.ahead, each) for each in idle if each.is_ready), key=itemgetter(0))
+            if not everyone:
+                ready = [(ahead, each) for ahead, each in ready if ahead <= max(0, ready[0][0])]
+                ready = ready[: self._share(len(ready))]
+            claimed = [session for _, session in ready]
+            for session in claimed:
                 self._claimed[session.seat] = time.monotonic()
                 self._sessions[session.seat] = self._sessions.pop(session.seat)  # last among equals next time
-        return ready
+        return claimed
 
     def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
-        """The next chunk of one session; or of several, in one batch of all seats."""
+        """The next chunk of some sessions, as one batch."""
         began = time.perf_counter()
         self.on_step(self.pipeline)
         try:
@@ -224,6 +267,7 @@ class Engine:
                     del self._claimed[session.seat]
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
+                self._capacity.note(self.step_seconds, self.seats if self.is_batched else len(ready))
             if self._workers > 1:
                 self.wake()  # another thread may step the next session
 
@@ -254,16 +298,17 @@ class Engine:
         return True
 
     def _make(self, ready: list[SessionCore]) -> None:
-        seats = slice(0, self.seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
-        rows = seats.stop - seats.start
-        audio, active = np.zeros((rows, self.chunk.samples), np.float32), np.zeros(rows, np.bool_)
-        members, is_asked, forgets = np.zeros((rows, self._codes), np.float32), False, np.zeros(rows, np.bool_)
-        manner = np.full((rows, len(TOLD)), np.nan, np.float32)
-        for session in ready:
-            row = session.seat - seats.start
+        """The step changes a copy of the rows, so that a fault costs nothing."""
+        seats = list(range(self.seats)) if self.is_batched else [session.seat for session in ready]
+        rows = [seats.index(session.seat) for session in ready]
+        count = len(seats)
+        audio, active = np.zeros((count, self.chunk.samples), np.float32), np.zeros(count, np.bool_)
+        members, is_asked, forgets = np.zeros((count, self._codes), np.float32), False, np.zeros(count, np.bool_)
+        manner = np.full((count, len(TOLD)), np.nan, np.float32)
+        for row, session in zip(rows, ready, strict=True):
             if session.is_new:
-                own, this = self._state.rows(slice(session.seat, session.seat + 1)), np.ones(1, np.bool_)
-                self.pipeline.reset(own, this, seed=session.seed, options=session.options)
+                this = np.ones(1, np.bool_)
+                self.pipeline.reset(self._row(session), this, seed=session.seed, options=session.options)
                 session.is_new = False
             plan = session.begin_chunk(self._codes)
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
@@ -273,32 +318,24 @@ class Engine:
             if plan.members is not None:
                 members[row], is_asked = plan.members, True
         state = self._state.rows(seats)
-        before = state.snapshot() if self._rewind else []
-        try:
-            if forgets.any():
-                self.pipeline.restart_generator(state, forgets)
-            told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
-            told |= {"manner": manner} if self.pipeline.has_manner else {}
-            chunks = self.pipeline.step(audio, state, active, **told)
-            undoing = [changes(before, state, s.seat - seats.start) if self._rewind else [] for s in ready]
-        except Exception as fault:
-            self._take_back(ready, state, before, active, fault)
-            raise
-        for session, patches in zip(ready, undoing, strict=True):
+        if forgets.any():
+            self.pipeline.restart_generator(state, forgets)
+        told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
+        told |= {"manner": manner} if self.pipeline.has_manner else {}
+        chunks = self.pipeline.step(audio, state, active, **told)
+        undoing: list[list[Patch]] = [[] for _ in ready]
+        if self._rewind:
+            before = [list(self._row(session).arrays()) for session in ready]
+            undoing = [changes(old, state.rows(slice(row, row + 1)), 0) for old, row in zip(before, rows, strict=True)]
+        for whole, part in zip(self._state.arrays(), state.arrays(), strict=True):
+            whole[seats] = part
+        for row, session, patches in zip(rows, ready, undoing, strict=True):
             with suppress(Exception):  # the session notes it as its error
-                session.end_chunk(chunks[session.seat - seats.start], patches)
+                session.end_chunk(chunks[row], patches)
 
-    def _take_back(
-        self, ready: list[SessionCore], state: Any, before: list[Any], active: Bool[np.ndarray, " b"], fault: Exception
-    ) -> None:
-        """Restore the rows of a step that failed half-way; sessions that cannot be restored are lost."""
-        try:
-            if not before:
-                raise fault
-            state.restore(before, active)
-        except Exception as error:
-            for session in ready:
-                session.fail(error)
+    def _row(self, session: SessionCore) -> Any:
+        """The session's row of the state, as views."""
+        return self._state.rows(slice(session.seat, session.seat + 1))
 
 
 def load(

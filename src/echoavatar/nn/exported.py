@@ -59,17 +59,19 @@ class ExportedStep:
     def step(
         self, x: Shaped[np.ndarray, "b ..."], state: StreamState, active: Bool[np.ndarray, " b"]
     ) -> Shaped[np.ndarray, "b ..."]:
-        """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void."""
-        rows = np.flatnonzero(active)
-        is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
-        chosen = rows if is_part else slice(None)
-        past = list(state.arrays())
-        given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
-        made, *new = self._session.run(None, given | {self._input.name: x[chosen]})
-        for part, value in zip(past, new, strict=True) if len(rows) else ():
-            part[chosen] = value
-        if is_part:
-            whole = np.repeat(made[:1], len(active), 0)  # the next stage finds no fault in it
-            whole[chosen] = made
-            made = whole
-        return made  # type: ignore[no-any-return]
+        """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void.
+
+        Each row runs by itself: of several at once, a product may be summed in another order than of one.
+        """
+        past, outputs = list(state.arrays()), list[np.ndarray]()
+        for row, is_active in enumerate(active.tolist()):
+            if not (is_active or not outputs):  # the first one runs, so that there is an output
+                outputs.append(outputs[0])
+                continue
+            own = slice(row, row + 1)
+            given = {one.name: part[own] for one, part in zip(self._past, past, strict=True)}
+            made, *new = self._session.run(None, given | {self._input.name: x[own]})
+            for part, value in zip(past, new, strict=True) if is_active else ():
+                part[own] = value
+            outputs.append(made)
+        return np.concatenate(outputs)

@@ -29,8 +29,8 @@ class StreamState:
         vars(new).update({name: _mapped(value, change) for name, value in vars(self).items()})
         return new
 
-    def rows(self, which: slice) -> Self:
-        """The state of some rows, as views: a step on them changes the whole state."""
+    def rows(self, which: slice | list[int]) -> Self:
+        """The state of some rows. A slice gives views: a step on them changes the whole state; a list gives copies."""
         return self.mapped(lambda part: part[which])
 
     def reset(self, rows: Bool[np.ndarray, " b"]) -> None:

@@ -69,7 +69,7 @@ def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute
             "version": __version__,
             "sessions": manager.sessions,
             "seats": manager.engine.seats,
-            "free": manager.engine.free,
+            "free": max(0, manager.engine.free),
         }
         if desk is not None:
             facts["video"] = {"viewers": manager.settings.video, "free": desk.free}

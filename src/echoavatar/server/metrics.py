@@ -14,6 +14,7 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         self.seats = Gauge("echoavatar_seats", "Sessions there can be", registry=self.registry)
+        self.room = Gauge("echoavatar_room", "Sessions that the machine carries now", registry=self.registry)
         self.sessions = Gauge("echoavatar_sessions", "Sessions there are", registry=self.registry)
         self.connections = Gauge("echoavatar_connections", "Open connections", registry=self.registry)
         self.chunks = Counter("echoavatar_chunks", "Chunks of motion made", registry=self.registry)

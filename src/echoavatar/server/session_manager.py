@@ -55,6 +55,7 @@ class SessionManager:
         self.engine, self.settings = engine, settings
         self.metrics = Metrics()
         self.metrics.seats.set(engine.seats)
+        self.metrics.room.set_function(lambda: engine.room)
         self.tracks = Tracks(settings.music)
         self.admission = Admission(settings.connections, settings.connections_per_address)
         self.metrics.connections.set_function(lambda: self.connections)
@@ -161,12 +162,12 @@ class SessionManager:
         place = self._waiting.place(hello.ticket)
         if self.engine.free < place:
             lost = [session for session in self._sessions.values() if session.left_at is not None]
-            if lost:
+            if lost and self.engine.free + 1 >= place:
                 self.end(min(lost, key=lambda session: session.left_at or 0.0))
         if self.engine.free < place:
             raise ProtocolError(
                 "overloaded",
-                f"all {self.engine.seats} seats are taken",
+                f"this server carries {self.engine.room} sessions now, and all places are taken",
                 retry_after=RETRY_S if hello.ticket else 5.0,
                 place=place if hello.ticket else 0,
             )
@@ -178,7 +179,7 @@ class SessionManager:
                 is_paced=True,
             )
         except AdmissionError as error:
-            raise ProtocolError("overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0) from error
+            raise ProtocolError("overloaded", str(error), retry_after=5.0) from error
         self._waiting.leave(hello.ticket)
         session = ServerSession(
             core,

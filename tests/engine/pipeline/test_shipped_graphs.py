@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from echoavatar.engine import Engine, Session
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 
 CHUNKS = 7
@@ -38,3 +39,28 @@ def test_features_of_the_same_codes(pair: tuple[Pipeline, Pipeline]) -> None:
         )
         np.testing.assert_allclose(made, wanted, atol=1e-4)
         assert made.std() > 0.1
+
+
+def test_sessions_in_a_batch_move_as_each_alone(pair: tuple[Pipeline, Pipeline], voice: np.ndarray) -> None:
+    """To the bit, so that no code is ever drawn otherwise because of a neighbour."""
+    pipeline, sounds = pair[0], [voice[start : start + 3 * 6400] for start in (0, 9_000, 28_000)]
+    assert pipeline.rows_are_apart
+    assert not pair[1].rows_are_apart
+    engine = Engine(pipeline, seats=3, workers=1)
+    together = [engine.open(seed=seed) for seed in range(3)]
+    for session, sound in zip(together, sounds, strict=True):
+        session.push(sound)
+    together[1].act("wave")
+    for chunk in range(1, 4):
+        assert engine.work()
+        assert {session.core.made for session in together} == {6400 * chunk}
+    for seed, (session, sound) in enumerate(zip(together, sounds, strict=True)):
+        alone = Engine(pipeline, workers=1).open(seed=seed)
+        alone.push(sound)
+        if seed == 1:
+            alone.act("wave")
+        assert _bits(session) == _bits(alone)
+
+
+def _bits(session: Session) -> list[bytes]:
+    return [part.tobytes() for chunk in session for part in (chunk.rotations, chunk.root, chunk.face)]

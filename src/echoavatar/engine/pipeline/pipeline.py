@@ -109,6 +109,9 @@ class Pipeline:
         self.directive_codes = len(sizes.directed) * sizes.layout.motion_codes
         own_bias = LEARNED_BIAS if sizes.exemplar else BIAS
         self._bias = own_bias if sizes.example_bias is None else sizes.example_bias
+        is_exported = self.device == "cpu" and all(part.graph for name, part in parts.items() if name != "generator")
+        is_compiled = isinstance(self.generator, FrameStream)
+        self.rows_are_apart = is_exported and is_compiled  # a row's sums are the same in every batch; torch's are not
         self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
         self._warm_start: PipelineState | None = None
