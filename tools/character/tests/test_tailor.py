@@ -8,7 +8,7 @@ from echoavatar_character.shoes import shoes
 
 @pytest.mark.parametrize("number", range(3))
 def test_every_texel_of_the_clothes_is_painted(body: Body, number: int) -> None:
-    """The jumper of each outfit has its second colour, the trousers their belt; no texel keeps the ground of the picture."""
+    """Of each outfit the jumper has its second colour and the trousers their belt; no texel keeps the ground."""
     cloth = clothes.tights(body)
     top, footwear = clothes.top(body, cloth), shoes(body, cloth)
     outfit = body.person.outfits[number]

@@ -8,16 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.files.avatar import Character
-from echoavatar.files.avatar.character import (
-    DETAILS,
-    MOVE_UNIT,
-    NAMES,
-    PLACE_UNIT,
-    TURN_UNIT,
-    UV_UNITS,
-    Morphs,
-    outfit_picture,
-)
+from echoavatar.files.avatar.character import MOVE_UNIT, PLACE_UNIT, TURN_UNIT, UV_UNITS, Morphs, picture_names
 from echoavatar.files.avatar.halfway import BONES
 
 LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # metres, and parts of a unit normal; smaller changes of a shape are left out
