@@ -347,7 +347,7 @@ def paint_hair(person: Person, size: int = 512) -> Float[np.ndarray, "s s 4"]:
             alpha = np.maximum(alpha, cover)
     tones = gaussian_filter(rng.normal(0, 1, wide), 0.7)
     starts = gaussian_filter(rng.uniform(-0.1, 0.65, wide), 0.6)
-    shade[:, -wide:] = 1 + 0.16 * tones / tones.std() + 0.05 * np.sin(v * 9)[:, None]
+    shade[:, -wide:] = 1 + 0.06 * tones / tones.std() + 0.05 * np.sin(v * 9)[:, None]
     alpha[:, -wide:] = np.clip((v[:, None] - starts) / 0.10, 0, 1)
     under = gaussian_filter(np.where(alpha > 0.3, shade, 0), 3) / np.maximum(
         gaussian_filter((alpha > 0.3) * 1.0, 3), 1e-3
