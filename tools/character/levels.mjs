@@ -1,7 +1,7 @@
 // Two steps of echoavatar_character.levels that have no Python library: simplify triangles, and compress a GLB.
 import { readFileSync, writeFileSync } from "node:fs";
 import { Logger, NodeIO } from "@gltf-transform/core";
-import { EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization, KHRTextureTransform } from "@gltf-transform/extensions";
+import { EXTMeshoptCompression, EXTTextureWebP, KHRMaterialsVariants, KHRMeshQuantization, KHRTextureTransform } from "@gltf-transform/extensions";
 import { meshopt, textureCompress } from "@gltf-transform/functions";
 import { MeshoptDecoder, MeshoptEncoder, MeshoptSimplifier } from "meshoptimizer";
 import sharp from "sharp";
@@ -21,17 +21,20 @@ async function simplify(source, goal) {
   writeFileSync(goal, new Uint8Array(left.buffer, left.byteOffset, left.byteLength));
 }
 
-/** Writes a GLB with meshopt compression and WebP pictures, the largest of them `size` texels wide. */
-async function compress(source, goal, size, quality) {
+/** Writes a GLB with meshopt compression and WebP pictures, the largest `size` texels wide, those of clothes `cloth`. */
+async function compress(source, goal, size, quality, cloth) {
   await Promise.all([MeshoptEncoder.ready, MeshoptDecoder.ready]);
   const io = new NodeIO()
-    .registerExtensions([EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization, KHRTextureTransform])
+    .registerExtensions([EXTMeshoptCompression, EXTTextureWebP, KHRMaterialsVariants, KHRMeshQuantization, KHRTextureTransform])
     .registerDependencies({ "meshopt.encoder": MeshoptEncoder, "meshopt.decoder": MeshoptDecoder });
   const document = (await io.read(source)).setLogger(new Logger(Logger.Verbosity.ERROR));
   for (const accessor of document.getRoot().listAccessors()) accessor.setSparse(false);
-  const resize = [Number(size), Number(size)];
+  const pictures = (pattern, widest) => textureCompress({
+    encoder: sharp, targetFormat: "webp", quality: Number(quality), effort: 90, pattern, resize: [Number(widest), Number(widest)],
+  });
   await document.transform(
-    textureCompress({ encoder: sharp, targetFormat: "webp", quality: Number(quality), effort: 90, resize }),
+    pictures(/^outfit/, cloth),
+    pictures(/^(?!outfit)/, size),
     meshopt({ // one volume for all meshes, or face and body part at the neck by a step of their grids
       encoder: MeshoptEncoder, level: "medium", quantizationVolume: "scene", quantizePosition: 15, quantizeNormal: 8,
       quantizeTexcoord: 13, quantizeColor: 8,

@@ -65,7 +65,7 @@ def choose_token(given: str | None, host: str) -> tuple[str, bool]:
 
 def add_picture(parser: argparse.ArgumentParser) -> None:
     """Declare the character, the background and the renderer of a film."""
-    parser.add_argument("--character", default="", metavar="NAME", help="maya (default), theo or amara")
+    parser.add_argument("--character", default="", metavar="NAME", help="maya (default), theo, amara or theo/Flannel")
     parser.add_argument(
         "--background",
         default="studio",

@@ -276,7 +276,7 @@ class VideoDesk:
         """The character, and how it is pictured, as the query of an address asks."""
         query, settings = request.query_params, self._settings
         character, view = query.get("character", CHARACTERS[0]), query.get("view", VIEWS[0])
-        if character not in CHARACTERS:
+        if character.partition("/")[0] not in CHARACTERS:
             raise EchoAvatarError(f"there is no character {character[:40]!r}; choose from {', '.join(CHARACTERS)}")
         if view not in VIEWS:
             raise EchoAvatarError(f"there is no view {view[:40]!r}; choose from {', '.join(VIEWS)}")

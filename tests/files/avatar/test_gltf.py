@@ -157,6 +157,24 @@ def test_attributes_and_triangles_survive(file: tuple[dict[str, Any], bytes]) ->
     assert {"skin", "hair", "eye", "mouth", "cloth"} <= used
 
 
+def test_outfits_are_variants_of_the_clothes_materials(file: tuple[dict[str, Any], bytes]) -> None:
+    """Each outfit gives each piece of clothing a material with the outfit's own picture; nothing else changes."""
+    document, outfits = file[0], load_character().outfits
+    names = document["extensions"]["KHR_materials_variants"]["variants"]
+    assert [each["name"] for each in names] == list(outfits)
+    changing = set()
+    for primitive in (each for mesh in document["meshes"] for each in mesh["primitives"]):
+        if "extensions" not in primitive:
+            continue
+        changing.add(document["materials"][primitive["material"]]["name"])
+        mappings = primitive["extensions"]["KHR_materials_variants"]["mappings"]
+        assert [each["variants"] for each in mappings] == [[i] for i in range(len(outfits))]
+        surfaces = [document["materials"][each["material"]]["pbrMetallicRoughness"] for each in mappings]
+        pictures = [document["textures"][each["baseColorTexture"]["index"]]["name"] for each in surfaces]
+        assert pictures == ["outfit", "outfit_1", "outfit_2"]
+    assert changing == {"cloth", "trousers", "shoe"}
+
+
 def test_the_face_has_the_shapes_by_name_on_every_primitive(file: tuple[dict[str, Any], bytes]) -> None:
     """The jaw's target, summed over primitives, moves what the character's own jawOpen moves, as far."""
     document, binary = file

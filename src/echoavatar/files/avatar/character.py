@@ -7,7 +7,7 @@ targets say what each blendshape adds to the vertices of the neutral face, kept 
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from itertools import product
@@ -267,6 +267,16 @@ class Character:
     textures: Textures
     palette: tuple[Material, ...] = MATERIALS
     skeleton: Skeleton = HUMANOID
+    outfits: tuple[str, ...] = ()  # the first has the picture `outfit`, each other one its own: see `outfit_picture`
+
+    def wearing(self, outfit: str) -> "Character":
+        """The same person in another outfit, the only one; raises CheckpointError: there is none of this name."""
+        if outfit not in self.outfits:
+            raise CheckpointError(f"there is no outfit {outfit!r}; choose from {', '.join(self.outfits) or 'none'}")
+        worn = self.textures[outfit_picture(self.outfits.index(outfit))]
+        others = {outfit_picture(i) for i in range(len(self.outfits))}
+        textures = {name: encoded for name, encoded in self.textures.items() if name not in others} | {"outfit": worn}
+        return replace(self, textures=textures, outfits=(outfit,))
 
     @property
     def head(self) -> int:
@@ -317,20 +327,35 @@ class Character:
         return positions, normals
 
 
+def outfit_picture(number: int) -> str:
+    """The name of an outfit's picture."""
+    return f"outfit_{number}" if number else "outfit"
+
+
+def picture_names(outfits: int) -> list[str]:
+    """The names of the pictures of a shipped character with so many outfits."""
+    return [*NAMES, *DETAILS, *map(outfit_picture, range(1, outfits))]
+
+
 ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
 
 
 def load_character(path: Path | str | None = None) -> Character:
     """Read a character file, or a shipped one by its name (None: the first of `CHARACTERS`).
 
-    Raises CheckpointError: the file is damaged, or no character has this name.
+    `NAME/OUTFIT` is a shipped one in one of its `outfits`. Raises CheckpointError: the file is damaged, or no character
+    or outfit has this name.
     """
     if path is None or isinstance(path, str):
-        path = _shipped_file(path or CHARACTERS[0], "npz")
+        name, _, outfit = (path or CHARACTERS[0]).partition("/")
+        whole = load_character(_shipped_file(name, "npz"))
+        return whole.wearing(outfit) if outfit else whole
     try:
         stored = arrays_of(path, CheckpointError)
         raw: dict[str, Any] = {name: stored[name] for name in ARRAYS}
-        raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS}
+        raw["outfits"] = tuple(str(name) for name in stored["outfits"])
+        names = picture_names(len(raw["outfits"]))
+        raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in names}
         raw["face"] = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
         raise CheckpointError(f"{path} is not a character ({error}); make it again with tools/character") from error

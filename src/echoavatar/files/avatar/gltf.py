@@ -19,7 +19,7 @@ from echoavatar.motion.formats.gltf_data import TYPES
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import align_signs
 
-from .character import MATERIALS, Character, Textures, checked_face
+from .character import MATERIALS, Character, Textures, checked_face, outfit_picture
 from .halfway import BONES, PARENTS, REST, SOURCES, half
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -114,9 +114,9 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
     return [{"name": "body", "primitives": body}, face]
 
 
-def materials(textures: Textures) -> list[dict[str, Any]]:
-    """The glTF form of `MATERIALS`; colours of vertices are factors on the pictures."""
-    index = {name: i for i, name in enumerate(_present(textures))}
+def materials(character: Character) -> list[dict[str, Any]]:
+    """The glTF form of `MATERIALS`, then what clothes are in each other outfit; vertex colours are factors."""
+    index = {name: i for i, name in enumerate(_present(character.textures))}
     made = []
     for material in MATERIALS:
         surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": material.roughness}
@@ -134,7 +134,24 @@ def materials(textures: Textures) -> list[dict[str, Any]]:
         if material.is_cutout:
             entry |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
         made.append(entry)
+    for number, outfit in enumerate(character.outfits[1:], 1):
+        for entry in (made[i] for i in CLOTHES):
+            surface = entry["pbrMetallicRoughness"] | {"baseColorTexture": {"index": index[outfit_picture(number)]}}
+            made.append(entry | {"name": f"{entry['name']} {outfit}", "pbrMetallicRoughness": surface})
     return made
+
+
+CLOTHES = tuple(i for i, material in enumerate(MATERIALS) if material.picture == "outfit")
+
+
+def _variants(character: Character, material: int) -> dict[str, Any]:
+    """What of a primitive says which material it has in which outfit."""
+    if material not in CLOTHES or len(character.outfits) < 2:
+        return {}
+    place, step = len(MATERIALS) + CLOTHES.index(material), len(CLOTHES)
+    chosen = [material, *(place + i * step for i in range(len(character.outfits) - 1))]
+    mappings = [{"material": each, "variants": [i]} for i, each in enumerate(chosen)]
+    return {"extensions": {VARIANTS: {"mappings": mappings}}}
 
 
 def _present(textures: Textures) -> list[str]:
@@ -162,6 +179,7 @@ def _primitives(buffer: Buffer, character: Character, triangles: Int[np.ndarray,
     material_of = character.materials[triangles[:, 0]]
     return [
         {"attributes": attributes, "material": int(i), "indices": _indices(buffer, local[material_of == i])}
+        | _variants(character, int(i))
         for i in np.unique(material_of)
     ]
 
@@ -243,7 +261,7 @@ def _compact(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " v"], 
     return used, local.reshape(-1, 3)
 
 
-TRANSFORM = "KHR_texture_transform"
+TRANSFORM, VARIANTS = "KHR_texture_transform", "KHR_materials_variants"
 BODY_NODE = HUMANOID.joints
 FACE_NODE = HUMANOID.joints + 1
 HALFWAY_NODES = tuple(range(FACE_NODE + 1, FACE_NODE + 1 + len(SOURCES)))
@@ -276,11 +294,14 @@ def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
         "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
         "nodes": _nodes(),
         "extensionsUsed": [TRANSFORM],
-        "materials": materials(character.textures),
+        "materials": materials(character),
         "meshes": meshes(buffer, character),
         **pictures(buffer, character),
         "skins": [_skin(buffer)],
     }  # fmt: skip
+    if len(character.outfits) > 1:
+        document["extensionsUsed"].append(VARIANTS)
+        document["extensions"] = {VARIANTS: {"variants": [{"name": name} for name in character.outfits]}}
     return document, buffer
 
 

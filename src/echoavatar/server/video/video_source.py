@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int16, UInt8
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.avatar import Character, load_character
+from echoavatar.files.avatar import CHARACTERS, Character, load_character
 from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
 from echoavatar.files.avatar.framing import aimed, followed
 from echoavatar.files.avatar.render import Paint
@@ -144,7 +144,7 @@ def prepare(shot: Shot, character: str = "") -> None:
     VideoSource(rig, shot, character=character).picture(0)
 
 
-@lru_cache
+@lru_cache(len(CHARACTERS))
 def _painted(name: str) -> tuple[Character, Paint]:
     character = load_character(name or None)
     return character, Paint.of(character)

@@ -26,8 +26,9 @@ HEM, ANKLE = 1.035, 0.072
 GAP = 0.007  # metres between trousers and what is over or under them
 ARM_NAMES = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
 AXIS = -0.005  # of the trunk: its z
-TUCK = (0.10, 0.06)  # metres above the hem where a top comes out of the waistband, and over how many it does
-RIB = 0.045  # metres of ribbing above the hem, which draws the top in
+TUCK = (0.14, 0.12)  # metres above the hem where a top comes out of the waistband, and over how many it does
+MOST_TAKEN = 0.024  # metres that trousers are drawn in below a jacket, or hips stand out like a shelf
+TAPER = 0.20  # metres above the hem over which cloth comes in to the waist
 
 
 class Cut(NamedTuple):
@@ -42,8 +43,8 @@ class Cut(NamedTuple):
 
 
 CUTS = {
-    "jumper": Cut(True, (0.0060, 0.0038), 0.012, 0.35),
-    "shirt": Cut(True, (0.0090, 0.0060), 0.010, 0.8, collar=True),
+    "jumper": Cut(True, (0.0060, 0.0038), 0.012, 0.30),
+    "shirt": Cut(True, (0.0090, 0.0060), 0.010, 0.45, collar=True),
     "jacket": Cut(False, (0.0075, 0.0060), 0.014, 0.5, jacket=0.0045),
 }
 
@@ -87,7 +88,7 @@ def sleeves(points: Points, body: Body, weights: Float[np.ndarray, "v j"], back:
 
 def top(body: Body, cloth: Surface) -> Surface:
     """What is worn above the waist: follows the trunk, falls a little from the chest, and has cuffs and a neckline."""
-    own = CUTS[body.person.outfit]
+    own = CUTS[body.person.cut]
     cloth = subdivided(cloth)
     points = cloth.positions
     arm = _arm(cloth.weights)
@@ -161,7 +162,6 @@ def collar(body: Body, top: Surface) -> Surface:
         (0.0125, stand - 0.7 * fall),
         (0.018 - 0.003 * front, stand - fall),
     ]
-    rows += [(0.015 - 0.003 * front, stand - fall - 0.001), (0.006, stand - 0.6 * fall)]
     points = []
     for out, up in rows:
         points.append(np.stack([(far + out) * np.sin(at), low + up, (far + out) * np.cos(at)], 1) + middle)
@@ -173,12 +173,12 @@ def collar(body: Body, top: Surface) -> Surface:
             for i in range(count - 1)
         ]
     )
-    fallen = np.repeat([0.0] * 5 + [0.3, 0.8, 1, 1, 1, 0.6], count)[:, None]
-    for _ in range(3):
+    fallen = np.repeat([0.0] * 5 + [0.3, 0.8, 1, 1], count)[:, None]
+    for _ in range(4):
         near = cKDTree(top.positions).query(grid)[1]
         out = normals(top.positions, top.quads)[near]
         gap = ((grid - top.positions[near]) * out).sum(1, keepdims=True)
-        grid = grid + fallen * out * np.maximum(0.009 - gap, 0)
+        grid = grid + fallen * out * np.maximum(0.012 - gap, 0)
     grid = smoothed(grid, quads, 1, 0.4)
     weights = top.weights[cKDTree(top.positions).query(grid)[1]]
     weights = smoothed(weights, quads, 12, 0.5)
@@ -261,7 +261,7 @@ def tucked(inner: Surface, over: Surface, *, upwards: bool) -> Surface:
     `upwards`: the inner piece's top is below the outer one, as trousers under a jacket; else its bottom.
     """
     places, high = inner.positions, inner.positions[:, 1] - HEM
-    covered = np.clip((high + 0.05) / 0.02, 0, 1) if upwards else np.clip((TUCK[0] - high) / TUCK[1], 0, 1)
+    covered = np.clip((high + 0.09) / 0.06, 0, 1) if upwards else np.clip((TUCK[0] - high) / TUCK[1], 0, 1)
     covered = covered * (_arm(inner.weights) < 0.3)
     radius, turn = _round(places)
     theirs, turns = _round(over.positions)
@@ -279,7 +279,8 @@ def tucked(inner: Surface, over: Surface, *, upwards: bool) -> Surface:
     deep = (2.1 if upwards else 2.8) * GAP + 0.4 * np.maximum(
         high if upwards else 0.012 - high, 0
     )  # or coarse levels come through
-    shrunk = 1 - covered * np.maximum(radius - found + deep, 0) / np.maximum(radius, 1e-3)
+    taken = np.clip(radius - found + deep, 0, MOST_TAKEN if upwards else None)
+    shrunk = 1 - covered * taken / np.maximum(radius, 1e-3)
     places = np.stack([places[:, 0] * shrunk, places[:, 1], (places[:, 2] - AXIS) * shrunk + AXIS], 1)
     weights = inner.weights + covered[:, None] * (weights - inner.weights)
     return replace(inner, positions=places, weights=weights)
@@ -316,7 +317,7 @@ def _draped(places: Points, arm: Field, body: Body, strength: float) -> Points:
         (heights, angles), hung / np.maximum(table, 1e-3), bounds_error=False, fill_value=1.0
     )
     share = np.clip((0.35 - arm) / 0.25, 0, 1) * np.clip((1.30 - places[:, 1]) / 0.08, 0, 1)
-    share = share * (0.5 + 0.5 * np.clip((places[:, 1] - HEM - 0.5 * RIB) / RIB, 0, 1))
+    share = share * np.clip((places[:, 1] - HEM) / TAPER, 0, 1)
     grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * strength
     out = places.copy()
     out[:, [0, 2]] = (places[:, [0, 2]] - middle[[0, 2]]) * grow[:, None] + middle[[0, 2]]

@@ -13,12 +13,12 @@ from .surface import Surface, border, make
 
 AROUND, RINGS = 24, 14
 FAR = np.radians(112)  # how far back the eyeball reaches
-IRIS = np.radians(27.5)  # half the angle of the iris
+IRIS = np.radians(29.5)  # half the angle of the iris
 ACROSS, UPWARDS = 0.52, 0.42  # radians of a full look
 TOE_IN = 0.022  # radians: at rest both eyes look at someone 1.4 m away
 LINE, STRANDS = 16, 30  # pieces of the dark line at the lid, and lashes
-LIFT = 0.0012  # metres that lashes stand off the lid, or they sink into it
-BASE = 0.017  # half the width of a lash at its root, as a share of the lid
+LIFT = 0.0019  # metres that lashes stand off the lid, or they sink into it
+BASE = 0.026  # half the width of a lash at its root, as a share of the lid
 
 
 def eyeball(body: Body, side: str) -> Surface:
@@ -104,9 +104,7 @@ def lashes(body: Body, side: str) -> Surface:
     rng = np.random.default_rng(3)
     base, eye = load_base(), body.eyes[side]
     group = f"helper-{side[0].lower()}-eyelashes-2"
-    rim = np.unique(border(base.quads[base.groups[group]]))
-    far = np.linalg.norm(body.points[rim] - eye.middle, axis=1) / eye.radius
-    roots, tips = (_ordered(body.points[rim[chosen]], eye) for chosen in (far < 1.10, far > 1.20))
+    roots, tips = lash_lines(body, side)
     points: list[Float[np.ndarray, " 3"]] = []
     quads: list[list[int]] = []
 
@@ -149,6 +147,15 @@ def lashes(body: Body, side: str) -> Surface:
     out = places - eye.middle
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     return make(places, corners, body.one("head", len(places)), "lash", uvs=spots, moves=moves, normals=out)
+
+
+def lash_lines(body: Body, side: str) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "m 3"]]:
+    """Roots and tips of the upper lid's lashes, from the inner to the outer corner."""
+    base, eye = load_base(), body.eyes[side]
+    rim = np.unique(border(base.quads[base.groups[f"helper-{side[0].lower()}-eyelashes-2"]]))
+    far = np.linalg.norm(body.points[rim] - eye.middle, axis=1) / eye.radius
+    roots, tips = (_ordered(body.points[rim[chosen]], eye) for chosen in (far < 1.10, far > 1.20))
+    return roots, tips
 
 
 def _ordered(points: Float[np.ndarray, "n 3"], eye: Eye) -> Float[np.ndarray, "n 3"]:

@@ -12,7 +12,9 @@ from .body import Body
 from .person import Person
 from .surface import Surface, make, normals, part, smoothed, subdivided
 
-STRIPS = 4  # kinds of ribbons side by side in the picture
+STRIPS = 4  # kinds of strands side by side in the picture: ribbons, and last those of the cap
+COMB = 0.40  # radians round the head that a strip of the cap covers
+FRINGE = 0.028  # metres above the hairline over which the cap becomes dense
 BUN = np.array([0.0, 0.012, -0.165])  # from between the eyes, in metres
 PART = 0.022  # metres: where hair parts, on the left
 
@@ -32,8 +34,25 @@ STYLES = {
         Layer(230, (0.005, 0.010), 0.020, (0.92, 1.0)),
         Layer(170, (0.006, 0.013), 0.012, (0.88, 1.0)),
     ),
-    "bun": (Layer(260, (0.004, 0.006), 0.020, (1.0, 1.0)), Layer(220, (0.006, 0.009), 0.014, (0.9, 1.0))),
-    "short": (Layer(640, (0.002, 0.005), 0.011, (0.040, 0.055)), Layer(600, (0.003, 0.009), 0.0065, (0.040, 0.062))),
+    "bun": (Layer(260, (0.004, 0.006), 0.020, (1.0, 1.0)), Layer(240, (0.005, 0.007), 0.014, (0.9, 1.0))),
+    "short": (Layer(640, (0.002, 0.006), 0.010, (0.038, 0.052)), Layer(640, (0.003, 0.010), 0.0065, (0.040, 0.060))),
+}
+
+
+# Degrees round the head from the front, and metres above the eyes: the line from which hair grows.
+HAIRLINES = {
+    "bob": (
+        (0, 18, 34, 46, 58, 70, 80, 90, 104, 125, 150, 180),
+        (0.070, 0.070, 0.067, 0.057, 0.044, 0.020, 0.004, 0.012, 0.0, -0.048, -0.072, -0.076),
+    ),
+    "bun": (
+        (0, 16, 30, 42, 54, 64, 72, 80, 90, 104, 125, 150, 180),
+        (0.066, 0.067, 0.066, 0.058, 0.040, 0.018, -0.004, -0.004, 0.012, 0.0, -0.040, -0.062, -0.066),
+    ),
+    "short": (  # receding temples and sideburns
+        (0, 14, 28, 40, 50, 58, 64, 71, 77, 83, 88, 104, 125, 150, 180),
+        (0.066, 0.067, 0.070, 0.071, 0.062, 0.045, 0.022, -0.004, -0.022, -0.022, 0.010, 0.002, -0.034, -0.052, -0.055),
+    ),
 }
 
 
@@ -41,18 +60,13 @@ def hairline(points: Float[np.ndarray, "v 3"], body: Body) -> Float[np.ndarray, 
     """Height above the hairline in metres: above 0 grows hair."""
     eye = (body.eyes["Left"].middle + body.eyes["Right"].middle) / 2
     around = np.degrees(np.arctan2(np.abs(points[:, 0] - eye[0]), points[:, 2] - (eye[2] - 0.085)))
-    line = np.interp(
-        around,
-        [0, 18, 34, 46, 58, 70, 80, 90, 104, 125, 150, 180],
-        [0.074, 0.074, 0.070, 0.058, 0.044, 0.020, 0.004, 0.012, 0.0, -0.048, -0.072, -0.076],
-    )
-    return points[:, 1] - eye[1] - line
+    return points[:, 1] - eye[1] - np.interp(around, *HAIRLINES[body.person.hair_style])
 
 
 def scalp_share(body: Body, points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, " v"]:
     """How much the skin is below hair, fading over the hairline; ears are free."""
     high = points[:, 1] > body.joint("head")[1] - 0.07
-    return np.clip(0.5 + hairline(points, body) / 0.014, 0, 1) * high * (1 - _ears(body, len(points)))
+    return np.clip(0.5 + hairline(points, body) / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
 
 
 def _ears(body: Body, count: int) -> Float[np.ndarray, " v"]:
@@ -128,15 +142,22 @@ def _bun(body: Body, scalp: Scalp) -> Surface:
 
 
 def _cap(body: Body, scalp: Scalp) -> Surface:
+    """What closes the gaps between ribbons: strands combed along the style, which end in a fringe at the hairline."""
     height = hairline(scalp.points, body)
-    inside = height > 0.010
+    inside = height > -0.004
     surface = make(scalp.points, scalp.quads, body.one("head", len(scalp.points)), "hair")
     piece = part(surface, inside[scalp.quads].all(1))
-    up = np.clip(hairline(piece.positions, body) / 0.03, 0, 1)
+    height = hairline(piece.positions, body)
+    up = np.clip(height / 0.03, 0, 1)
     out = normals(piece.positions, piece.quads)
     points = piece.positions + out * (0.0008 + 0.0042 * up)[:, None]
-    uvs = np.full((len(piece.quads), 4, 2), [0.5 / STRIPS, 0.3])  # one opaque place
-    tint = np.full((len(points), 3), 0.62)
+    eye = (body.eyes["Left"].middle + body.eyes["Right"].middle) / 2
+    side, above, _ = (points - eye - (BUN if body.person.hair_style == "bun" else [0.0, 0.02, 0.0])).T
+    turn = np.arctan2(side, above)  # hair is combed from the front to the back
+    across = np.abs((turn / COMB) % 2 - 1)  # there and back, or strips would end in seams
+    share = 0.62 * np.clip(height / FRINGE, 0, 1) + 0.36 * np.clip((height - FRINGE) / 0.1, 0, 1)
+    uvs = np.stack([(STRIPS - 1 + 0.03 + 0.94 * across) / STRIPS, 0.01 + share], 1)[piece.quads]
+    tint = np.full((len(points), 3), 0.84)
     return make(points, piece.quads, body.one("head", len(points)), "hair", uvs=uvs, colours=tint, normals=out)
 
 
@@ -150,7 +171,9 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
     phase = rng.uniform(0, 2 * np.pi, layer.ribbons)
     steps = 9 if style != "short" else 4
     fine = 3  # steps on the way for each point that is kept
-    at = roots + out * layer.lift[0] * rng.uniform(0.3, 1, (layer.ribbons, 1))
+    lower = np.interp(roots[:, 1] - eye[1], [-0.05, 0.0, 0.05], [0.3, 0.45, 1.0]) if style == "short" else 1.0
+    front = HAIRLINES[style][1][0]
+    at = roots + out * layer.lift[0] * rng.uniform(0.1, 0.4, (layer.ribbons, 1))
     lines, outs = [at], [out]
     direction = _flow(style, roots, out, eye, jitter)
     end = _ends(style, roots, eye, lengths, rng)
@@ -164,16 +187,18 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
         height, out = scalp.near(at)
         share = step / ((steps - 1) * fine)
         wanted = layer.lift[0] + (layer.lift[1] - layer.lift[0]) * np.sin(share * np.pi * 0.5)
-        wanted = wanted + 0.0012 * np.sin(3 * share + phase)
+        wanted = (wanted * (0.3 + 0.7 * min(1, share / 0.2)) + 0.0012 * np.sin(3 * share + phase)) * lower
         push = np.maximum(wanted - height, 0)
-        pull = np.minimum(wanted * 1.6 - height, 0) * (0.35 if style != "short" else 0.1) * (at[:, 1] > eye[1] - 0.01)
+        held = np.where(at[:, 1] > eye[1] - 0.01, 0.35, 0) if style != "short" else 0.6 - 0.5 * lower
+        pull = np.minimum(wanted * 1.6 - height, 0) * held
         at = at + out * (push + pull)[:, None]
         if step % fine == 0:
             lines.append(at)
             outs.append(out)
     grown = np.stack(lines, 1)
-    free = ~_on_face(grown, eye, 0.076 if style == "short" else 0.066).any(1)
+    free = ~_on_face(grown, eye, front + (0.001 if style == "short" else -0.008)).any(1)
     if style == "short":  # cut round the ears
+        free &= (hairline(roots, body) > 0.007) | (roots[:, 1] > eye[1] + 0.02)  # a nape is shaved
         rel = np.abs(grown - eye)
         free &= ~((rel[..., 0] > 0.062) & (grown[..., 1] < eye[1] + 0.014) & (rel[..., 2] < 0.125)).any(1)
     return _strip(body, grown[free], np.stack(outs, 1)[free], layer, rng)
@@ -233,6 +258,8 @@ def _flow(
         wish = np.stack(
             [0.10 * np.sign(rel[:, 0]) * (1 - top) - 0.55 * top, -0.75 * (1 - top) - 0.25 * back, -0.55 - 0.15 * top], 1
         )
+        brow = (top * np.clip((rel[:, 2] + 0.05) / 0.04, 0, 1))[:, None]
+        wish += brow * [0.30, 0.55, 0.10]  # brushed up over the forehead
         wish += 0.07 * jitter + out * 0.12 * (top * (1 - back))[:, None]
         return wish / np.linalg.norm(wish, axis=1, keepdims=True)
     wish = wish - out * np.einsum("ni,ni->n", wish, out)[:, None] * 0.9
@@ -249,7 +276,7 @@ def _ends(
     """How long each ribbon is, in metres."""
     rel = roots - eye
     if style == "short":
-        return lengths * np.interp(rel[:, 1], [-0.08, -0.02, 0.06], [0.35, 0.6, 1.0])
+        return lengths * np.interp(rel[:, 1], [-0.06, -0.01, 0.03, 0.07], [0.22, 0.30, 0.55, 1.0])
     if style == "bun":
         return np.linalg.norm(BUN - rel, axis=1) * 1.22 * lengths
     bottom = -0.078 - 0.012 * np.clip(-rel[:, 2] / 0.15, 0, 1)
@@ -278,7 +305,7 @@ def _strip(
     points = np.stack([lines - half - lean, lines + half + lean], 2).reshape(-1, 3)
     index = np.arange(count * steps * 2).reshape(count, steps, 2)
     quads = np.stack([index[:, :-1, 0], index[:, :-1, 1], index[:, 1:, 1], index[:, 1:, 0]], -1).reshape(-1, 4)
-    strip = rng.integers(0, STRIPS, (count, 1))
+    strip = rng.integers(0, STRIPS - 1, (count, 1))
     flip = rng.integers(0, 2, count)
     left = (strip + np.array([[0.03, 0.97], [0.97, 0.03]])[flip]) / STRIPS
     uvs = np.zeros((count, steps, 2, 2))
@@ -303,7 +330,7 @@ def paint_hair(person: Person, size: int = 512) -> Float[np.ndarray, "s s 4"]:
     wide = size // STRIPS
     v = np.linspace(0, 1, size)
     columns = np.arange(size)
-    for strip in range(STRIPS):
+    for strip in range(STRIPS - 1):
         for _ in range(110):
             at = rng.normal(0.5, 0.23)
             if not 0.06 < at < 0.94:
@@ -312,12 +339,16 @@ def paint_hair(person: Person, size: int = 512) -> Float[np.ndarray, "s s 4"]:
             spread = (at - 0.5) * (0.80 + 0.25 * v)
             x = (strip + np.clip(0.5 + spread + drift, 0.03, 0.97)) * wide
             thick = rng.uniform(1.0, 2.3) * np.interp(v, [0, 0.7, 1], [1, 1, 0.45])
-            stop, start = rng.uniform(0.86, 1.0), rng.uniform(0, 0.05)
+            stop, start = rng.uniform(0.82, 1.0), rng.uniform(0, 0.12)
             body = np.clip((stop - v) / 0.05, 0, 1) * np.clip((v - start) / 0.02, 0, 1)
             cover = np.clip(thick[:, None] + 0.5 - np.abs(columns[None] + 0.5 - x[:, None]), 0, 1) * body[:, None]
             tone = rng.normal(1.0, 0.12) * (1 + 0.10 * np.sin(v * 9 + rng.uniform(0, 6)))
             shade = shade + (tone[:, None] - shade) * cover
             alpha = np.maximum(alpha, cover)
+    tones = gaussian_filter(rng.normal(0, 1, wide), 0.7)
+    starts = gaussian_filter(rng.uniform(-0.1, 0.65, wide), 0.6)
+    shade[:, -wide:] = 1 + 0.06 * tones / tones.std() + 0.05 * np.sin(v * 9)[:, None]
+    alpha[:, -wide:] = np.clip((v[:, None] - starts) / 0.10, 0, 1)
     under = gaussian_filter(np.where(alpha > 0.3, shade, 0), 3) / np.maximum(
         gaussian_filter((alpha > 0.3) * 1.0, 3), 1e-3
     )

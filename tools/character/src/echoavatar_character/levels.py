@@ -32,7 +32,7 @@ TRIANGLES: tuple[Mapping[str, int], ...] = (  # by material; what is not named i
     {"skin": 6_600, "cloth": 2_300, "trousers": 900, "shoe": 500, "sole": 180, "eye": 480, "mouth": 800},
     {"skin": 2_850, "cloth": 1_200, "trousers": 380, "shoe": 220, "sole": 100, "eye": 240, "mouth": 340},
 )
-PICTURES = ((2048, 82), (1024, 80), (1024, 72))  # widest picture and its quality
+PICTURES = ((2048, 82, 1024), (1024, 80, 1024), (1024, 72, 512))  # widest picture, its quality, and widest of clothes
 HAIR = ((1.0, 1.0, 9), (0.42, 1.7, 7), (0.16, 2.8, 5))  # share of the ribbons, how much wider, most steps along one
 CAPS = (2_000, 500, 250)  # triangles of the surface below the ribbons
 LONGEST = 9  # steps along a ribbon

@@ -2,6 +2,7 @@
 
 import argparse
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 
 import echoavatar
 from echoavatar.files.avatar import MATERIALS, Character, Textures
+from echoavatar.files.avatar.character import outfit_picture
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, shoes, skin, tailor
@@ -20,7 +22,7 @@ from .stored import LEAST_MOVE, LEAST_TURN, save, sparse
 from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
-ATLAS_BYTES, OUTFIT_BYTES = 260_000, 150_000
+ATLAS_BYTES, OUTFIT_BYTES = 260_000, 110_000
 KNIT_DEPTH, TWILL_DEPTH = 9.0, 5.0  # texels between black and white
 INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
 
@@ -36,12 +38,12 @@ def surfaces(body: Body) -> tuple[list[Surface], Surface]:
     parts += hair.hair(body, whole)
     top, footwear = clothes.top(body, cloth), shoes.shoes(body, cloth)
     legs = clothes.trousers(cloth, footwear)
-    if clothes.CUTS[body.person.outfit].tucked:
+    if clothes.CUTS[body.person.cut].tucked:
         top = clothes.tucked(top, legs, upwards=False)
     else:
         legs = clothes.tucked(legs, top, upwards=True)
     parts += [top, legs, *footwear]
-    if clothes.CUTS[body.person.outfit].collar:
+    if clothes.CUTS[body.person.cut].collar:
         parts.append(clothes.collar(body, top))
     return parts, whole
 
@@ -53,7 +55,9 @@ def make_character(person: Person) -> Character:
     parts = _shaded(parts, body)
     tints = _tints(person)
     blocks = [_block(part, body, np.array(tints[part.material])) for part in parts]
-    return _joined(blocks, textures(body, whole, parts))
+    return replace(
+        _joined(blocks, textures(body, whole, parts)), outfits=tuple(outfit.name for outfit in person.outfits)
+    )
 
 
 def textures(body: Body, whole: Surface, parts: list[Surface]) -> Textures:
@@ -79,7 +83,10 @@ def textures(body: Body, whole: Surface, parts: list[Surface]) -> Textures:
     return Textures(
         atlas=_within(_coloured(picture), ATLAS_BYTES),
         hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
-        outfit=_within(_coloured(tailor.picture(body, parts)), OUTFIT_BYTES),
+        **{
+            outfit_picture(i): _within(_coloured(tailor.picture(body, outfit, parts)), OUTFIT_BYTES)
+            for i, outfit in enumerate(body.person.outfits)
+        },
         knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
         twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
         skin_normal=_encoded(_coloured(skin.relief(body, whole, scalp)), "JPEG", quality=78),
@@ -126,8 +133,6 @@ def _linear(value: float) -> float:
 
 def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
     """Each part with its ambient occlusion in the colours, and its normals."""
-    from dataclasses import replace
-
     turned = [normals(part.positions, part.quads) if part.normals is None else part.normals for part in parts]
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     points, out = np.concatenate([part.positions for part in parts]), np.concatenate(turned)
@@ -146,7 +151,7 @@ def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
             high = np.clip((part.positions[:, 1] - body.eyes["Left"].middle[1] - 0.02) / 0.01, 0, 1)
             own = smoothed(own[:, None], part.quads, 4, 0.5)
             own = smoothed(own, part.quads, 24, 0.5 * high)[:, 0]
-        floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.75, "hair": 0.45, "skin": 0.42}.get(part.material, 0.35)
+        floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.92, "hair": 0.60, "skin": 0.42}.get(part.material, 0.35)
         shade = floor + (1 - floor) * np.clip(own * 1.25, 0, 1)
         tone = np.repeat(shade[:, None], 3, 1)
         if part.material == "skin":  # light that enters skin comes out red

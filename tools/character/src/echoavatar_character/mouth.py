@@ -12,7 +12,7 @@ from .surface import Surface, make
 
 WIDTHS = (8.6, 6.6, 7.6, 7.0, 6.8, 9.5, 9.0)  # millimetres of the teeth of one side, from the middle
 PER_TOOTH = 4
-WHITE, GUM = np.array([0.80, 0.755, 0.66]), np.array([0.52, 0.20, 0.19])
+WHITE, GUM = np.array([1.0, 0.955, 0.87]), np.array([0.52, 0.20, 0.19])
 
 
 def teeth(body: Body, *, upper: bool) -> Surface:
@@ -45,8 +45,8 @@ def teeth(body: Body, *, upper: bool) -> Surface:
     ]
     for v, depth, white in profile:
         rounding = np.abs(phase) ** 3
-        canine = 0.0008 * np.exp(-(((from_middle - 0.36) / 0.06) ** 2))
-        reach = v - 0.045 * rounding * (v > 0.5) + (canine - 0.0006 * from_middle**2) / 0.010 * (v > 0.5)
+        canine = 0.0004 * np.exp(-(((from_middle - 0.36) / 0.06) ** 2))
+        reach = v - 0.022 * rounding * (v > 0.5) + (canine - 0.0006 * from_middle**2) / 0.010 * (v > 0.5)
         scallop = 0.10 * (1 - phase**2) * (0.2 < v < 0.4)
         y = gum + (edge - gum) * (reach - scallop)
         gap = 0.0006 * np.abs(phase) ** 6 * (v > 0.2) * (depth > -0.002)
@@ -54,8 +54,8 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         rows.append(np.stack([place[:, 0] + out[:, 0] * shift, y, place[:, 1] + out[:, 1] * shift], 1))
         dark = 1 - 0.22 * (np.abs(phase) ** 6 * (v > 0.2))
         tone = (GUM + (WHITE - GUM) * white) * dark[:, None]
-        shade = (1 if upper else 0.72) * (0.65 if depth < -0.002 else 1)  # the lip is above the lower row
-        tints.append(tone * (1 - 0.85 * from_middle[:, None] ** 1.4) * shade)
+        shade = (1 if upper else 0.86) * (0.65 if depth < -0.002 else 1)  # the lip is above the lower row
+        tints.append(tone * (1 - 0.62 * from_middle[:, None] ** 1.6) * shade)
     points, count = np.concatenate(rows), len(share)
     quads = np.array(
         [

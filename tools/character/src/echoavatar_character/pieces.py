@@ -86,7 +86,7 @@ def hemmed(surface: Surface, thick: float, deep: float) -> Surface:
         before = now
     copies = len(rings)
     tint = np.concatenate(
-        [surface.colours, *([surface.colours[vertices]] * (copies - 1)), surface.colours[vertices] * 0.35]
+        [surface.colours, *([surface.colours[vertices]] * (copies - 1)), surface.colours[vertices] * 0.55]
     )
     weights = np.concatenate([surface.weights, *([surface.weights[vertices]] * copies)])
     return replace(

@@ -1,7 +1,7 @@
 """Contact sheets of a person: `python -m echoavatar_character.sheets [NAME ...]` writes them into docs/img.
 
-Rest, close-ups, twelve expressions and twenty extreme poses; and stills of the default bundle's motion for the shipped
-speech and music, and of its actions.
+Rest, close-ups, outfits, twelve expressions and twenty extreme poses; and stills of the default bundle's motion for the
+shipped speech and music, and of its actions.
 """
 
 import argparse
@@ -172,12 +172,16 @@ def actions_sheet(character: Character) -> Picture:
 
 
 def sheets(character: Character) -> dict[str, Picture]:
-    """Portraits from five sides with the whole figure, close-ups, speech and dance, expressions, and twenty poses."""
+    """Portraits from five sides with the whole figure, close-ups, outfits, motion, expressions, and twenty poses."""
     paint = Paint.of(character)
     heads = [shot(character, paint, around(d, 1.2, 1.59, 0.36), (240, 280), DOWN, {}) for d in (0, 40, 90, 140, 180)]
     whole = [shot(character, paint, around(d, 4.2, 0.87, 0.46), (240, 280), DOWN, {}) for d in (12, -40, 180)]
     near = [shot(character, paint, around(d, 0.9, 1.60, 0.31), (400, 440), DOWN, face) for d, face in CLOSE_UPS]
     faces = [shot(character, paint, around(8, 0.95, 1.60, 0.33), (220, 250), DOWN, face) for face in EXPRESSIONS]
+    worn = [
+        shot(each, Paint.of(each), around(14, 3.3, 0.90, 0.56), (300, 440), DOWN, {})
+        for each in map(character.wearing, character.outfits)
+    ]
     poses = [shot(character, paint, around(15, 5.0, 0.9, 0.46), (200, 230), turns, {}) for turns in POSES]
     shown = []
     sounds: tuple[tuple[str, View], ...] = (("speech", "bust"), ("music", "front"))
@@ -188,6 +192,7 @@ def sheets(character: Character) -> dict[str, Picture]:
     return {
         "rest": grid(heads + whole, 4),
         "close": grid(near, 3),
+        "outfits": grid(worn, 3),
         "motion": np.concatenate(shown),
         "expressions": grid(faces, 6),
         "poses": grid(poses, 5),

@@ -6,10 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
 
 from . import atlas, fit
 from .base import load_base, mask
 from .body import Body
+from .eyes import lash_lines
 from .fabric import normal_map
 from .surface import Surface, make, normals, part, smoothed
 
@@ -19,6 +21,7 @@ BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres
 HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
 ROUGH = 0.64  # of skin that does not shine
 RELIEF = 1.5  # texels, of a height of 1
+LINER = 0.0011  # metres: half the width of the dark line that lashes make on the lid
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
 
@@ -81,12 +84,13 @@ def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Fl
     points, uv, more = _texels(skin, size, scalp[:, None])
     under_hair = more[..., 0]
     colour = _tone(body, points, uv)
+    colour = colour * (1 - _liner(body, points)[..., None] * [0.80, 0.86, 0.88])
     brows = _brows(body, points)
     hair = np.array(body.person.hair) / 255
     colour = colour + (hair * 0.8 - colour) * brows[..., None]
-    grown = np.clip(under_hair * 2.0 - 0.55, 0, 1)
+    grown = np.clip(under_hair * 1.5 - 0.45, 0, 1)
     grown = grown * (1 + 0.6 * (1 - grown) * atlas.noise(points * [1, 0.5, 0.5], 0.0009, 8))
-    strength = np.clip(grown * grown * (3 - 2 * grown), 0, 1)[..., None] * 0.92
+    strength = np.clip(grown * grown * (3 - 2 * grown), 0, 1)[..., None] * 0.85
     colour = colour + (hair * 0.62 - colour) * strength
     return np.asarray(np.clip(colour, 0, 1))
 
@@ -168,8 +172,8 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
         beard = (
             _beard(points, nose, mouth, wide) * (1 - lips) * np.clip((points[..., 2] - mouth[2] + 0.085) / 0.02, 0, 1)
         )
-        shadow = colour * np.array([0.80, 0.83, 0.87])  # roots below the skin look bluish
-        colour = colour + (shadow - colour) * (0.50 * beard)[..., None]
+        shadow = colour * np.array([0.84, 0.86, 0.88])  # roots below the skin look bluish
+        colour = colour + (shadow - colour) * (0.32 * beard)[..., None]
         share = beard * person.stubble * np.clip(0.24 + 0.10 * atlas.noise(points, 0.0007, 5), 0, 1)
         colour = colour + (np.array(person.hair) / 255 * 0.8 - colour) * share[..., None]
     lip = np.array(person.lips) / 255 * (1 + 0.05 * atlas.noise(points * [1, 0.25, 1], 0.0012, 4)[..., None])
@@ -182,7 +186,7 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
 def _beard(points: Field, nose: Field, mouth: Field, wide: float) -> Field:
     """Where a beard grows, 0 to 1: below a line from the nose over the cheek up to the ear, down to the throat."""
     across = np.abs(points[..., 0])
-    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.004, mouth[1] - 0.010, mouth[1] - 0.002, mouth[1] + 0.03]
+    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.006, mouth[1] - 0.014, mouth[1] - 0.008, mouth[1] + 0.03]
     line = np.interp(across, [0, 0.016, 0.7 * wide + 0.008, 0.045, 0.060, 0.072], above)
     grown = np.clip((line - points[..., 1]) / 0.022, 0, 1) * np.clip((points[..., 1] - mouth[1] + 0.085) / 0.02, 0, 1)
     return np.asarray(grown * grown * (3 - 2 * grown))
@@ -205,7 +209,7 @@ def brow_curve(body: Body, share: Float[np.ndarray, " n"]) -> tuple[Float[np.nda
         + body.person.brow_lift
         + np.interp(share, [0, 0.2, 0.45, 0.65, 0.85, 1], [0.0202, 0.0220, 0.0242, 0.0252, 0.0232, 0.0190])
     )
-    half = np.interp(share, [0, 0.1, 0.3, 0.65, 1], [0.0010, 0.0022, 0.0026, 0.0021, 0.0006])
+    half = np.interp(share, [0, 0.12, 0.32, 0.65, 1], [0.0006, 0.0018, 0.0026, 0.0021, 0.0006])
     return np.stack([x, y], 1), half * body.person.brow_width
 
 
@@ -225,18 +229,33 @@ def _brows(body: Body, points: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, 
         up = np.interp(at, [0, 0.25, 0.6, 1], [1.9, 0.9, 0.28, -0.1]) + rng.normal(0, 0.18)
         direction = along + [0, up]
         direction /= np.linalg.norm(direction)
-        length = rng.uniform(0.0045, 0.0075) * np.interp(at, [0, 0.3, 1], [0.8, 1, 0.75])
+        length = rng.uniform(0.0045, 0.0075) * np.interp(at, [0, 0.25, 1], [0.55, 1, 0.75])
         bend = root + direction * length * 0.55
         end = bend + (direction * 0.6 + along * 0.6) * length * 0.45
         line = [((x - eye[0] + 0.03) * BROW_PIXELS, (0.04 - (y - eye[1])) * BROW_PIXELS) for x, y in (root, bend, end)]
-        draw.line(line, fill=int(rng.uniform(120, 230)), width=2)
+        draw.line(line, fill=int(rng.uniform(140, 250) * np.interp(at, [0, 0.22], [0.5, 1])), width=2)
     soft = gaussian_filter(np.asarray(picture, np.float32) / 255, 1.0)
     base = gaussian_filter(soft, 9)
-    cover = np.clip(0.66 * soft + 0.46 * base, 0, 0.76)
+    cover = np.clip(0.72 * soft + 0.52 * base, 0, 0.84)
     column = (np.abs(points[..., 0]) - eye[0] + 0.03) * BROW_PIXELS
     row = (0.04 - (points[..., 1] - eye[1])) * BROW_PIXELS
     drawn = map_coordinates(cover, [row, column], order=1, cval=0)
     return np.asarray(drawn * (points[..., 2] > eye[2] - 0.012))
+
+
+def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
+    """How dark the roots of the lashes make the edge of the upper lid, 0 to 1."""
+    shade = np.zeros(points.shape[:2])
+    for side, eye in body.eyes.items():
+        roots, _ = lash_lines(body, side)
+        share = np.linspace(0, 1, 80)
+        at = np.linspace(0, 1, len(roots))
+        line = np.stack([np.interp(share, at, roots[:, i]) for i in range(3)], 1)
+        near = np.linalg.norm(points - eye.middle, axis=-1) < 1.7 * eye.radius
+        far, which = cKDTree(line).query(points[near])
+        wide = LINER * body.person.lash_length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
+        shade[near] = np.maximum(shade[near], np.clip(1.5 - far / wide, 0, 1))
+    return shade * min(1.0, body.person.lash_length)
 
 
 def _corners(uvs: Float[np.ndarray, "f 4 d"]) -> Float[np.ndarray, "t 3 d"]:

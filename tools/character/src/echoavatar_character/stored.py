@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.files.avatar import Character
-from echoavatar.files.avatar.character import DETAILS, MOVE_UNIT, NAMES, PLACE_UNIT, TURN_UNIT, UV_UNITS, Morphs
+from echoavatar.files.avatar.character import MOVE_UNIT, PLACE_UNIT, TURN_UNIT, UV_UNITS, Morphs, picture_names
 from echoavatar.files.avatar.halfway import BONES
 
 LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # metres, and parts of a unit normal; smaller changes of a shape are left out
@@ -18,7 +18,8 @@ def save(character: Character, path: Path) -> None:
     """Write an npz. Normals and weights are stored as integers, triangles in the smallest type that fits."""
     face = character.face
     pictures: dict[str, Any] = {
-        f"texture_{name}": np.frombuffer(character.textures[name], np.uint8) for name in NAMES + DETAILS
+        f"texture_{name}": np.frombuffer(character.textures[name], np.uint8)
+        for name in picture_names(len(character.outfits))
     }
     np.savez_compressed(
         path,
@@ -30,6 +31,7 @@ def save(character: Character, path: Path) -> None:
         weights=np.round(character.weights * 255).astype(np.uint8),
         triangles=character.triangles.astype(np.uint16 if len(character.positions) < 65536 else np.int32),
         uvs=np.round(character.uvs * UV_UNITS).astype(np.int32),
+        outfits=np.array(character.outfits),
         face_names=np.array(face.names),
         face_starts=face.starts.astype(np.int32),
         face_vertices=face.vertices.astype(np.uint16),

@@ -10,7 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from . import atlas
 from .body import Body
-from .clothes import ARM_NAMES, CUTS, HEM, neckline, opening
+from .clothes import ARM_NAMES, AXIS, CUTS, HEM, neckline, opening
+from .person import Outfit
 from .pieces import CHARTS, COLLAR_SPOT
 from .surface import Surface
 
@@ -19,13 +20,14 @@ Field = Float[np.ndarray, "h w"]
 Picture = Float[np.ndarray, "h w 3"]
 BAND = 0.024  # metres of a neckline's and a cuff's border
 BELT = (HEM - 0.026, HEM + 0.010)
-STRIPE = 0.034  # metres from one stripe to the next
+STRIPE, CHECK, DOT = 0.034, 0.036, 0.018  # metres from one to the next
 
 
 class Cloth(NamedTuple):
     """Where each texel of a garment lies, in metres, in the modelled pose."""
 
     body: Body
+    worn: Outfit
     points: Float[np.ndarray, "h w 3"]
     arm: Field  # its share of the arms
 
@@ -33,6 +35,14 @@ class Cloth(NamedTuple):
     def across(self) -> Field:
         """The distance from the middle plane."""
         return np.abs(self.points[..., 0])
+
+    def flat(self) -> tuple[Field, Field]:
+        """Where each texel lies when the cloth is laid flat: metres round trunk or arm, and along it."""
+        x, y, z = np.moveaxis(self.points, -1, 0)
+        shoulder = self.body.joint("leftUpperArm")
+        on_arm = self.arm > 0.5
+        turn = np.arctan2(y - np.interp(self.across, [0.17, 0.5], [shoulder[1], shoulder[1] - 0.3]), z - shoulder[2])
+        return np.where(on_arm, 0.045 * turn, 0.15 * np.arctan2(x, z - AXIS)), np.where(on_arm, self.along_arm(), y)
 
     def along_arm(self) -> Field:
         """Metres from the shoulder's joint along upper arm and forearm; below 0 on the trunk's side."""
@@ -49,8 +59,8 @@ class Cloth(NamedTuple):
         return float(sum(np.linalg.norm(b - a) for a, b in zip(places, places[1:], strict=False)))
 
 
-def picture(body: Body, pieces: Sequence[Surface], size: int = SIZE) -> Picture:
-    """The colours of all garments in sRGB, 0 to 1."""
+def picture(body: Body, worn: Outfit, pieces: Sequence[Surface], size: int = SIZE) -> Picture:
+    """The colours of all garments of an outfit in sRGB, 0 to 1."""
     image, covered = np.full((size, size, 3), 0.5), np.zeros((size, size))
     for piece in pieces:
         if piece.material not in CHARTS:
@@ -59,11 +69,11 @@ def picture(body: Body, pieces: Sequence[Surface], size: int = SIZE) -> Picture:
         values = atlas.corners(piece.quads, np.concatenate([piece.positions, arm], 1))
         corners = np.concatenate([piece.uvs[:, [0, 1, 2]], piece.uvs[:, [0, 2, 3]]])
         drawn, here = atlas.spread(corners, values, size)
-        painted = PAINTERS[piece.material](Cloth(body, drawn[..., :3], drawn[..., 3]))
+        painted = PAINTERS[piece.material](Cloth(body, worn, drawn[..., :3], drawn[..., 3]))
         image = np.where(here[..., None] > 0, painted, image)
         covered = np.maximum(covered, here)
     left, upper, right, lower = (round(x * size) for x in COLLAR_SPOT)
-    image[upper - 8 : lower + 8, left - 8 : right + 8] = _collar(body, lower - upper + 16, right - left + 16)
+    image[upper - 8 : lower + 8, left - 8 : right + 8] = _collar(worn, lower - upper + 16, right - left + 16)
     covered[upper - 8 : lower + 8, left - 8 : right + 8] = 1
     return np.clip(atlas.filled(image, covered), 0, 1)
 
@@ -85,7 +95,7 @@ def _within(field: Field, low: float, high: float, soft: float = 0.0006) -> Fiel
 
 def _stitched(under: Picture, field: Field, where: Field, thread: ArrayLike | None = None) -> Picture:
     """A seam along the zeros of a field: a dark fold with a lighter edge, and a row of stitches beside it."""
-    made = under * (1 - 0.30 * (_line(field, 0.0010) * where)[..., None])
+    made = under * (1 - 0.24 * (_line(field, 0.0009) * where)[..., None])
     made = made * (1 + 0.06 * (_line(field - 0.0022, 0.0012) * where)[..., None])
     return made if thread is None else _over(made, thread, 0.55 * _line(field - 0.0045, 0.0006) * where)
 
@@ -99,9 +109,9 @@ def _dotted(under: Picture, x: Field, y: Field, radius: float, colour: ArrayLike
 
 
 def _top(cloth: Cloth) -> Picture:
-    """Jumper, shirt or jacket, by the person's outfit."""
+    """Jumper, shirt or jacket, by the person's cut."""
     body, points, across = cloth.body, cloth.points, cloth.across
-    person, own = body.person, CUTS[body.person.outfit]
+    worn, cut, own = cloth.worn, body.person.cut, CUTS[body.person.cut]
     on_arm = np.clip((cloth.arm - 0.5) * 8, 0, 1)
     trunk = 1 - on_arm
     shape = points.shape[:2]
@@ -110,20 +120,18 @@ def _top(cloth: Cloth) -> Picture:
     along = cloth.along_arm()
     to_wrist = cloth.of_arm() - along
     y, front = points[..., 1], np.clip((points[..., 2] - 0.02) / 0.02, 0, 1)
-    picture = np.ones((*shape, 3)) * np.array(person.top) / 255
-    second = person.second
-    if person.outfit == "jumper":
-        level = np.where(on_arm > 0.5, along - 0.02, HEM + 8 * STRIPE - y)
-        striped = _within(level % STRIPE, 0.010, 0.021) * np.clip((level + 0.001) / 0.001, 0, 1)
-        picture = _over(picture, second, striped * (depth > 0.05) * (to_wrist > own.cuff + 0.045))
+    second, cuff = worn.second, worn.collar or worn.top
+    clear = np.clip((depth - 0.05) / 0.001, 0, 1) * (to_wrist > own.cuff + 0.045) if cut == "jumper" else 1.0
+    picture = _patterned(np.ones((*shape, 3)) * np.array(worn.top) / 255, cloth, clear)
+    if cut == "jumper":
         ribs = 0.5 + 0.5 * np.cos(np.arctan2(points[..., 0], points[..., 2]) * 130)
         border = np.maximum(_within(depth, -1, BAND), on_arm * _within(to_wrist, -1, own.cuff + 0.04))
         picture = picture * (1 - 0.10 * border * ribs)[..., None]
         picture = _over(picture, second, _within(depth, 0.0, 0.006) + on_arm * _within(to_wrist, -1, own.cuff + 0.008))
         picture = _stitched(picture, depth - BAND, trunk)
         picture = _stitched(picture, to_wrist - own.cuff - 0.04, on_arm)
-    if person.outfit == "shirt":
-        thread = np.array(person.top) * 0.82
+    if cut == "shirt":
+        thread = np.array(worn.top) * 0.82
         for edge in (-0.016, 0.016):
             picture = _stitched(picture, np.sign(edge) * (points[..., 0] - edge), front * trunk, thread)
         for row in range(7):
@@ -134,10 +142,10 @@ def _top(cloth: Cloth) -> Picture:
         picture = _stitched(picture, -pocket, front * trunk, thread)
         picture = _stitched(picture, -np.maximum(np.abs(points[..., 0] - 0.078) - 0.046, np.abs(y - 1.284) - 0.013),
                             front * trunk * (pocket < 0.001), thread)  # fmt: skip
-        picture = _over(picture, second, on_arm * _within(to_wrist, -1, own.cuff + 0.058))
+        picture = _over(picture, cuff, (worn.pattern == "plain") * on_arm * _within(to_wrist, -1, own.cuff + 0.058))
         picture = _stitched(picture, to_wrist - own.cuff - 0.058, on_arm, thread)
         picture = _stitched(picture, own.cuff + 0.006 - to_wrist, on_arm, thread)
-    if person.outfit == "jacket":
+    if cut == "jacket":
         inner = np.ones((*shape, 3)) * np.array(second) / 255
         inner = _stitched(inner, depth - 0.018, front)
         open_front = np.clip(0.5 - beside / 0.0008, 0, 1) * trunk
@@ -164,20 +172,46 @@ def _top(cloth: Cloth) -> Picture:
     return picture * (1 + 0.012 * atlas.noise(points, 0.0016, 51))[..., None]
 
 
+def _patterned(under: Picture, cloth: Cloth, where: Field | float) -> Picture:
+    """What is knitted, woven or printed on the top, in its second colour."""
+    second, on_arm, y = cloth.worn.second, cloth.arm > 0.5, cloth.points[..., 1]
+    u, v = cloth.flat()
+    if cloth.worn.pattern == "stripes":
+        level = np.where(on_arm, v - 0.02, HEM + 8 * STRIPE - y)
+        return _over(
+            under, second, _within(level % STRIPE, 0.010, 0.021) * np.clip((level + 0.001) / 0.001, 0, 1) * where
+        )
+    if cloth.worn.pattern == "block":  # a broad band round chest and upper arms
+        level = np.where(on_arm, v, 1.315 - y)
+        band = _within(level, 0.035, 0.125, 0.0008) + 0.9 * _line(level - 0.140, 0.0024)
+        return _over(under, second, np.clip(band, 0, 1) * where)
+    if cloth.worn.pattern == "check":
+        made = under
+        for at in (u, v):
+            made = _over(made, second, 0.55 * _within(at % CHECK, 0.0, 0.4 * CHECK, 0.0012) * where)
+            made = _over(made, (236, 226, 206), 0.40 * _line(at % CHECK - 0.7 * CHECK, 0.0010) * where)
+        return made
+    if cloth.worn.pattern == "dots":
+        row = np.floor(v / DOT)
+        far = np.hypot((u / DOT + 0.5 * (row % 2)) % 1 - 0.5, (v / DOT) % 1 - 0.5) * DOT
+        return _over(under, second, 0.8 * np.clip((0.0022 - far) / 0.0007, 0, 1) * where)
+    return under
+
+
 def _trousers(cloth: Cloth) -> Picture:
     """Trousers with pockets, fly, side seams, and a belt."""
     body, points, across = cloth.body, cloth.points, cloth.across
-    person, y = body.person, points[..., 1]
+    worn, y = cloth.worn, points[..., 1]
     hip, knee, ankle = (body.joint(f"left{name}") for name in ("UpperLeg", "LowerLeg", "Foot"))
     axis = [np.interp(y, [ankle[1], knee[1], hip[1]], [ankle[i], knee[i], hip[i]]) for i in (0, 2)]
     behind = points[..., 2] - axis[1] + 0.005
     front, back = np.clip(behind / 0.02, 0, 1), np.clip(-behind / 0.02, 0, 1)
-    picture = np.ones((*y.shape, 3)) * np.array(person.trousers) / 255
-    thread = person.thread
-    if person.denim:  # worn where thighs and knees rub
-        worn = np.exp(-(((across - axis[0]) / 0.045) ** 2)) * (0.35 + 0.65 * front)
-        worn = worn * (np.exp(-(((y - 0.72) / 0.16) ** 2)) + 0.5 * np.exp(-(((y - 0.49) / 0.07) ** 2)))
-        picture = picture + worn[..., None] * np.array([0.11, 0.115, 0.115])
+    picture = np.ones((*y.shape, 3)) * np.array(worn.trousers) / 255
+    thread = worn.thread
+    if worn.denim:  # worn where thighs and knees rub
+        rubbed = np.exp(-(((across - axis[0]) / 0.045) ** 2)) * (0.35 + 0.65 * front)
+        rubbed = rubbed * (np.exp(-(((y - 0.72) / 0.16) ** 2)) + 0.5 * np.exp(-(((y - 0.49) / 0.07) ** 2)))
+        picture = picture + rubbed[..., None] * np.array([0.11, 0.115, 0.115])
         picture = picture * (1 + 0.05 * atlas.noise(points * [1, 0.35, 1], 0.003, 52))[..., None]
     else:
         picture = picture * (1 + 0.08 * _line(across - axis[0], 0.002) * front * (y < 0.8))[..., None]
@@ -196,15 +230,15 @@ def _trousers(cloth: Cloth) -> Picture:
         picture = _over(picture, thread, 0.35 * _line(y - edge - 0.012, 0.0007))
     belted = _within(y, *BELT)
     picture = picture * (1 - 0.35 * np.clip(1 - np.abs(y - BELT[0]) / 0.005, 0, 1) * (y < BELT[0]))[..., None]
-    picture = _over(picture, person.belt, belted)
+    picture = _over(picture, worn.belt, belted)
     for edge in BELT:
-        picture = _over(picture, np.array(person.belt) * 0.6, 0.8 * _line(y - edge, 0.0013))
+        picture = _over(picture, np.array(worn.belt) * 0.6, 0.8 * _line(y - edge, 0.0013))
         picture = _over(
-            picture, np.array(person.belt) * 1.45, 0.5 * _line(np.abs(y - sum(BELT) / 2) - 0.0135, 0.0007) * belted
+            picture, np.array(worn.belt) * 1.45, 0.5 * _line(np.abs(y - sum(BELT) / 2) - 0.0135, 0.0007) * belted
         )
     for place in (0.062, 0.104):
         loop = _within(across, place - 0.005, place + 0.005) * _within(y, BELT[0] - 0.006, BELT[1] + 0.004)
-        picture = _over(picture, np.array(person.trousers) * 0.86, loop)
+        picture = _over(picture, np.array(worn.trousers) * 0.86, loop)
     middle = (BELT[0] + BELT[1]) / 2
     frame = np.maximum(np.abs(points[..., 0]) - 0.023, np.abs(y - middle) - 0.019)
     picture = _over(picture, (196, 178, 132), _within(frame, -0.0062, 0.0) * front)
@@ -215,31 +249,29 @@ def _trousers(cloth: Cloth) -> Picture:
 def _shoe(cloth: Cloth) -> Picture:
     """Trainers: a toe cap, laces, and a heel in the second colour."""
     body, points, across = cloth.body, cloth.points, cloth.across
-    person = body.person
+    worn = cloth.worn
     ankle, toes = body.joint("leftFoot"), body.joint("leftToes")
     ahead = (points[..., 2] - ankle[2]) / (toes[2] - ankle[2])  # 0 below the ankle, 1 at the toes' joint
     line = ankle[0] + (toes[0] - ankle[0]) * ahead
     side, height = across - line, points[..., 1] - body.joint("leftFoot")[1] + 0.085
-    picture = np.ones((*ahead.shape, 3)) * np.array(person.shoes) / 255
+    picture = np.ones((*ahead.shape, 3)) * np.array(worn.shoes) / 255
     picture = picture * (1 + 0.01 * atlas.noise(points, 0.002, 53))[..., None]
-    picture = _stitched(
-        picture, (ahead - 0.98) * 0.13 + 2.2 * side**2, height < 9, person.thread if person.denim else None
-    )
-    picture = _over(picture, person.shoe_second, _within(-ahead, 0.16, 9, 0.02) * (height > 0.03) * 0.95)
+    picture = _stitched(picture, (ahead - 0.98) * 0.13 + 2.2 * side**2, height < 9, worn.thread if worn.denim else None)
+    picture = _over(picture, worn.shoe_second, _within(-ahead, 0.16, 9, 0.02) * (height > 0.03) * 0.95)
     tongue = _within(np.abs(side), -1, 0.017) * _within(ahead, 0.22, 0.86, 0.01) * (height > 0.045)
-    picture = _over(picture, np.array(person.shoes) * 0.80, tongue)
+    picture = _over(picture, np.array(worn.shoes) * 0.80, tongue)
     for row in range(5):
         place = 0.30 + 0.115 * row
         lace = _within(np.abs(side), -1, 0.020) * _line((ahead - place) * 0.13 + 0.25 * np.abs(side), 0.0022)
-        picture = _over(picture, person.laces, lace * (height > 0.045))
+        picture = _over(picture, worn.laces, lace * (height > 0.045))
     return picture
 
 
-def _collar(body: Body, high: int, wide: int) -> Picture:
+def _collar(worn: Outfit, high: int, wide: int) -> Picture:
     """The collar's cloth, with a seam along its edge."""
     down = np.linspace(-0.08, 1.08, high)[:, None] * np.ones((1, wide))
     across = np.abs(np.linspace(-1.08, 1.08, wide))[None, :] * np.ones((high, 1))
-    picture = np.ones((high, wide, 3)) * np.array(body.person.second) / 255
+    picture = np.ones((high, wide, 3)) * np.array(worn.collar or worn.top) / 255
     picture = picture * (1 - 0.28 * np.exp(-(((down - 0.80) / 0.012) ** 2)))[..., None]
     picture = picture * (1 - 0.28 * np.exp(-(((across - 0.975) / 0.008) ** 2)) * (down > 0.4))[..., None]
     return gaussian_filter(picture, (0.5, 0.5, 0))
