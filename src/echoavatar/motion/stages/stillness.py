@@ -48,7 +48,7 @@ from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
-CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 1.8, 0.5, 1.0
+CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 SPINE = ("spine", "chest", "upperChest")
