@@ -1,1 +1,1 @@
-export{c as EchoAvatarElement}from"./client-BeCD9_Hh.js";
+export{c as EchoAvatarElement}from"./client-1mza9I5k.js";
