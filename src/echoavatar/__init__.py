@@ -13,6 +13,7 @@ Live:
 ...         chunk.rotations, chunk.root
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from .errors import EchoAvatarError
     from .hub import push_to_hub
     from .motion.kinematics import Motion
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # ONNX Runtime reports to its maker unless it is told not to
 
 __version__ = "0.1.0"
 __all__ = ["Animation", "EchoAvatarError", "Engine", "Motion", "Session", "animate", "load", "push_to_hub"]
@@ -36,7 +39,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for, so that `echoavatar --help` does not load torch."""
+    """Import a public name when it is first asked for, so that `echoavatar --help` loads little."""
     if name not in __all__:
         raise AttributeError(f"module 'echoavatar' has no attribute {name!r}")
     return getattr(import_module(_HOMES.get(name, ".engine"), __name__), name)

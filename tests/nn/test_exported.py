@@ -1,5 +1,8 @@
 """A graph with a state: it adds its input to what it heard before, and tells the sum."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,3 +52,11 @@ def test_a_graph_of_other_weights_is_not_found_and_a_damaged_one_is_named(path: 
         ExportedStep(path)
     (path.parent / "model.safetensors").write_bytes(b"others")
     assert not graph_file(path.parent).exists()
+
+
+def test_nothing_is_reported_to_the_maker_of_the_runtime(tmp_path: Path) -> None:
+    """Its cache folder, into which it would write the number of the machine, stays empty."""
+    code = "from echoavatar import load\nload('default')\nimport os\nassert os.environ['ORT_DISABLE_TELEMETRY'] == '1'"
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | home)
+    assert not [path for path in tmp_path.rglob("*") if "elemetry" in path.name or "onnxruntime" in path.name.lower()]

@@ -41,6 +41,7 @@ class ExportedStep:
         """Load a graph and the weights beside it. Raises CheckpointError if it cannot be run."""
         import onnxruntime  # takes a tenth of a second, which only bundles with graphs pay
 
+        onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4  # what is wrong is raised
