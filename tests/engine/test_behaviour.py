@@ -168,7 +168,7 @@ def test_after_a_dance_it_steps_back_to_its_place(has_home: bool) -> None:
         far = np.hypot(*after.root[[0, -1]][:, [0, 2]].T)
         place = positions(after)
         balls = np.stack([place[toes] for toes in ("leftToes", "rightToes")], 1)
-        standing = HUMANOID.rest_positions[[HUMANOID.index(toes) for toes in ("leftToes", "rightToes")], 1].numpy()
+        standing = HUMANOID.rest_positions[[HUMANOID.index(toes) for toes in ("leftToes", "rightToes")], 1]
         slides = skate(balls[60:], FRAME_RATE_HZ, standing_height=standing)
         _log.info("seed %d: %.2f m away, then %.2f; feet slide %.2f cm/s", seed, *far, slides)
         assert far[0] > 1

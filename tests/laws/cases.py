@@ -288,11 +288,12 @@ def pipeline() -> Stream:
     """A whole bundle of random weights, wide enough that every sound matters: sound in, motion out."""
     with tempfile.TemporaryDirectory() as folder:
         bundle = load_bundle(write_bundle(Path(folder)))
-    telling_apart(bundle.codec)
+        codec, tokenizer, generator = bundle.codec, bundle.tokenizer, bundle.generator
+    telling_apart(codec)
     torch.manual_seed(2)
-    for parameter in bundle.generator.parameters():
+    for parameter in generator.parameters():
         torch.nn.init.normal_(parameter)
-    whole = Pipeline(bundle, precision="float32")
+    whole = Pipeline(bundle.having(codec=codec, tokenizer=tokenizer, generator=generator), precision="float32")
 
     def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
         shown = whole.step(x.numpy(), state, active.numpy())

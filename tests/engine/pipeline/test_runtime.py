@@ -120,6 +120,7 @@ CHANGES = {
     "level": BODY | FACE,  # both hear it
     "lead-in": BODY | FACE,
     "smoother": BODY,
+    "stillness": BODY,  # arms that rest, a trunk that takes part; the face keeps its curves
     "ground": BODY,
     "leash": BODY,
     "feet": BODY,
