@@ -180,7 +180,7 @@ def test_refusals_raise_errors_with_an_explanation(server: RunningServer) -> Non
 
     with pytest.raises(ConnectionLostError, match="echoavatar serve"):
         asyncio.run(run("http://127.0.0.1:9"))
-    with pytest.raises(ProtocolError, match="seats"):
+    with pytest.raises(ProtocolError, match="carries 4 sessions now, and all places are taken"):
         asyncio.run(_crowd(server))
 
 

@@ -75,7 +75,7 @@ def test_missing_servers_bundles_and_tokens_are_named() -> None:
 async def test_seats_run_out_and_a_closed_backend_stays_closed() -> None:
     backend = LocalBackend(engine(seats=1))
     await backend.open(Hello())
-    with pytest.raises(ProtocolError, match="seats"):
+    with pytest.raises(ProtocolError, match="carries 1 sessions now, and all places are taken"):
         await backend.open(Hello())
     await backend.close()
     with pytest.raises(EchoAvatarError, match="closed"):

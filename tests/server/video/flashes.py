@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from tests.engine.fakes import Heard
 from tests.server.fakes import Body
 
@@ -19,9 +18,9 @@ AWAY_M = 6.0  # a body so far above is out of the picture
 class Flasher(Body):
     """The body leaves the picture, which is then brighter, in frames whose first samples sound."""
 
-    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
         made = []
-        for row in audio.numpy():
+        for row in audio:
             loud = np.abs(row.reshape(-1, FRAME)[:, :100]).max(1) > 0.05
             root = np.zeros((len(loud), 3), np.float32)
             root[:, 1] = np.where(loud, AWAY_M, 0.9)
