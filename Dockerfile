@@ -4,16 +4,14 @@
 # digest stands here, because one that nobody renews keeps the base's old weaknesses, and none could be tried yet.
 ARG PYTHON=python:3.11-slim
 FROM ${PYTHON} AS build
-# The CPU build of torch; another index has another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).
-ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
+# No torch: on a CPU nothing needs it. With a GPU: EXTRAS=serve,torch (compose.gpu.yaml).
+ARG EXTRAS=serve
 RUN python -m venv /venv
 ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 WORKDIR /src
-COPY constraints.txt ./
-RUN pip install -c constraints.txt --index-url ${TORCH_INDEX} torch
-COPY pyproject.toml README.md LICENSE NOTICE ./
+COPY constraints.txt pyproject.toml README.md LICENSE NOTICE ./
 COPY src ./src
-RUN pip install -c constraints.txt '.[serve]'
+RUN pip install -c constraints.txt ".[${EXTRAS}]"
 
 FROM ${PYTHON}
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \

@@ -1,9 +1,10 @@
 # Two targets do almost everything: `make demo` opens the live page, `make test` runs every check. Each makes its own
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
-PIP_FLAGS ?= --disable-pip-version-check -q $(CPU_TORCH)
-# On Linux plain pip brings the CUDA build of torch, 4 GB more; on other systems there is one build. Where PyTorch's own
-# index of CPU builds answers within three seconds, it is used; elsewhere pip takes what it finds.
+PIP_FLAGS ?= --disable-pip-version-check -q
+# The avatar needs no torch, the lab does. On Linux plain pip brings the CUDA build, 4 GB more; on other systems there is
+# one build. Where PyTorch's own index of CPU builds answers within three seconds, it is used; elsewhere pip takes what it
+# finds.
 CPU_INDEX ?= https://download.pytorch.org/whl/cpu
 CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.request as u; \
     u.urlopen("$(CPU_INDEX)/torch/", timeout=3)' 2>/dev/null && echo --extra-index-url $(CPU_INDEX))
@@ -52,7 +53,7 @@ integration-test: .venv-integrations/ready
 
 .venv-integrations/ready: pyproject.toml constraints.txt $(wildcard integrations/*/pyproject.toml)
 	$(PYTHON) -m venv .venv-integrations
-	.venv-integrations/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,elevenlabs]' \
+	.venv-integrations/bin/pip install $(PIP_FLAGS) $(CPU_TORCH) -c constraints.txt -e '.[serve,elevenlabs]' \
 	    -e ./integrations/pipecat-echoavatar -e ./integrations/livekit-plugins-echoavatar \
 	    -e ./lab 'pipecat-ai[webrtc,runner,silero,openai]' 'pytest>=8.3,<10'
 	touch $@
@@ -64,7 +65,7 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,gltf,dev]' -e './lab[train,pretrained]' \
+	.venv-test/bin/pip install $(PIP_FLAGS) $(CPU_TORCH) -c constraints.txt -e '.[serve,mcp,usd,gltf,dev]' -e './lab[train,pretrained]' \
 	    -e ./studio -e ./tools/character
 	touch $@
 
@@ -82,10 +83,10 @@ lowest-check:
 	.venv-lowest/bin/pytest -W default tests/test_house.py lab/tests/test_imports.py lab/tests/training/test_muon.py
 
 # What the demo's environment is made of (sbom.json, CycloneDX), and whether a known weakness is in it. Needs PyPI: where it
-# does not answer, the audit fails. The CPU build of torch is looked up by the number of its version.
+# does not answer, the audit fails.
 audit: .venv-demo/ready .venv-audit/ready
 	.venv-audit/bin/cyclonedx-py environment .venv-demo/bin/python --pyproject pyproject.toml -o sbom.json
-	.venv-demo/bin/pip list --disable-pip-version-check --format=freeze --exclude-editable | sed 's/+cpu$$//' > .venv-audit/installed.txt
+	.venv-demo/bin/pip list --disable-pip-version-check --format=freeze --exclude-editable > .venv-audit/installed.txt
 	.venv-audit/bin/pip-audit --strict --disable-pip --no-deps -r .venv-audit/installed.txt
 
 .venv-audit/ready:
@@ -102,7 +103,7 @@ web-test: web/node_modules
 	cd web && npm run check && npm test
 
 browser-test: .venv-test/ready
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,browser]' -e ./studio
+	.venv-test/bin/pip install $(PIP_FLAGS) $(CPU_TORCH) -c constraints.txt -e '.[serve,browser]' -e ./studio
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -m browser tests/web
 
 web/node_modules: web/package-lock.json

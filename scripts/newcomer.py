@@ -1,7 +1,6 @@
 """A newcomer's first minutes: from the clone to a moving picture, in a folder that held nothing.
 
     python scripts/newcomer.py                    # clones this checkout's last commit; installs from PyPI alone
-    python scripts/newcomer.py --cpu              # with PyTorch's index of CPU builds
     python scripts/newcomer.py --work FOLDER      # an empty folder, kept afterwards
 
 Each step runs as a person would type it, with a home of its own, no caches of pip or numba, and nothing of this
@@ -22,7 +21,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 WARNING = re.compile(r"warn|deprecat|retry|error|could not|not found", re.IGNORECASE)
 # What a newcomer does not have.
 OWN = (
@@ -59,13 +57,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, help="an empty folder, kept afterwards (default: a temporary one)")
     parser.add_argument("--source", default=ROOT.as_uri(), help="the repository to clone (default: %(default)s)")
-    parser.add_argument("--cpu", action="store_true", help=f"install with --extra-index-url {CPU_INDEX}")
     args = parser.parse_args()
     if args.work is not None and args.work.exists() and any(args.work.iterdir()):
         parser.error(f"{args.work} is not empty; name a new folder")
     with tempfile.TemporaryDirectory() as temporary:
         newcomer = Newcomer((args.work or Path(temporary)).resolve())
-        newcomer.visit(args.source, ["--extra-index-url", CPU_INDEX] if args.cpu else [])
+        newcomer.visit(args.source)
         return newcomer.report()
 
 
@@ -80,7 +77,7 @@ class Newcomer:
         self.environment = kept | {"HOME": str(home), "USERPROFILE": str(home), "PIP_CACHE_DIR": str(home / "pip")}
         self.environment |= {"PIP_CONFIG_FILE": os.devnull}
 
-    def visit(self, source: str, index: list[str]) -> None:
+    def visit(self, source: str) -> None:
         """Do all of it, up to the first step that fails."""
         clone, programs = self.folder / "echoavatar", self.folder / "env" / ("Scripts" if os.name == "nt" else "bin")
         film = self.folder / "talk.mp4"
@@ -89,7 +86,7 @@ class Newcomer:
         steps: list[tuple[str, list[object]]] = [
             ("clone", ["git", "clone", "--depth", "1", source, clone]),
             ("virtual environment", [sys.executable, "-m", "venv", self.folder / "env"]),
-            ("pip install", [python, "-m", "pip", "install", *index, f"{clone}[serve]"]),
+            ("pip install", [python, "-m", "pip", "install", f"{clone}[serve]"]),
             ("a film of speech", [command, "animate", sound, "-o", film, "--seed", "1"]),
             ("does it move?", [python, "-c", MOVES, film]),
             ("the same, again", [command, "animate", sound, "-o", film, "--seed", "1"]),

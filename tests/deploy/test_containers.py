@@ -49,10 +49,14 @@ def test_every_file_that_is_copied_is_there_and_let_through() -> None:
     assert {project["readme"], *project["license-files"]} <= set(sources), "setuptools reads them"
 
 
-def test_the_extra_that_is_installed_exists() -> None:
+def test_the_extras_that_are_installed_exist_and_only_a_gpu_brings_torch() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    (extra,) = re.findall(r"'\.\[(\w+)\]'", DOCKER)
-    assert extra in extras
+    (asked,) = re.findall(r'"\.\[\$\{(\w+)\}\]"', DOCKER)
+    (usual,) = [word.removeprefix(f"{asked}=") for word in lines("ARG") if word.startswith(f"{asked}=")]
+    on_gpu = ON_GPU["build"]["args"][asked].split(",")
+    assert usual == "serve"
+    assert on_gpu == ["serve", "torch"]
+    assert {usual, *on_gpu} <= set(extras)
 
 
 def test_the_base_is_pinned_by_one_argument() -> None:
