@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from echoavatar.models.audio import LevelControl
-from echoavatar.models.face import FaceStream, FrozenFace
+from echoavatar.models.audio import LevelControl, LevelState
+from echoavatar.models.face import FaceState, FaceStream, FrozenFace
 from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.motion.ik import BodyProfile, Cylinder
@@ -32,6 +32,7 @@ from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
 from echoavatar.nn.device import find_device
 from echoavatar.nn.kernels import compilations
+from echoavatar.stored import Rounded
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
@@ -49,13 +50,13 @@ STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
 class PipelineState(StreamState):
     """The states of all stages, and each row's seed."""
 
-    level: StreamState
+    level: LevelState
     codec: StreamState
     generator: StreamState
     decoder: StreamState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
-    face: list[StreamState]  # one, or none without a face model
+    face: list[FaceState]  # one, or none without a face model
     seeds: Int[np.ndarray, " b"]
 
 
@@ -134,8 +135,11 @@ class Pipeline:
 
     def _face(self, part: Part) -> FaceStream:
         """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
-        is_frozen = part.graph is not None and part.config.memory == "ring"
-        model = FrozenFace(part.config, part.arrays(), part.graph) if is_frozen else part.module
+        if part.graph is None or part.config.memory != "ring":
+            return FaceStream(part.module, has_idle="blinks" in self.additions)
+        stored = part.arrays().items()
+        weights = {name: value.floats() if isinstance(value, Rounded) else value for name, value in stored}
+        model = FrozenFace(part.config, weights, part.graph)
         return FaceStream(model, has_idle="blinks" in self.additions)
 
     def _in_torch(self, module: Any, step: str = "step", init_state: str = "init_state") -> Any:
