@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.engine.pipeline import Bundle
+from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -9,14 +10,6 @@ from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.speech.lips import lip_curves
 from echoavatar_lab.evaluation import faces
 from echoavatar_lab.evaluation.faces import evaluate_face
-
-
-class Fake(Bundle):
-    """Only what the measure looks at."""
-
-    def __init__(self, face: FaceModel | None) -> None:
-        object.__setattr__(self, "name", "fake")
-        object.__setattr__(self, "face", face)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +20,7 @@ def track():
 def scored(monkeypatch, track, curves):
     monkeypatch.setattr(faces, "animate_face", lambda stream, audio, seed: curves)
     tiny = FaceModel(FaceConfig(encoder=MelConfig(bands=8, width=8, blocks=1), width=16, heads=2, layers=1))
-    return evaluate_face(Fake(tiny), [track], [track.audio])
+    return evaluate_face(Bundle.of("fake", Runtime(), face=tiny), [track], [track.audio])
 
 
 def test_the_truth_scores_as_truth(monkeypatch, track):
@@ -50,4 +43,4 @@ def test_late_lips_are_told_late_and_stray_ones_score_badly(monkeypatch, track):
 
 def test_a_bundle_without_a_face_is_named():
     with pytest.raises(EchoAvatarError, match="train face"):
-        evaluate_face(Fake(None), [])
+        evaluate_face(Bundle.of("fake", Runtime()), [])
