@@ -239,7 +239,7 @@ def test_a_manner_holds_for_what_is_not_shown_yet() -> None:
     room.go(1.0)
     room.session.set_manner(liveliness=0.25)
     plan = room.session.core.begin_chunk(0)
-    assert plan.manner[0] == 0.25
+    assert 0.15 < plan.manner[0] <= 0.25
 
 
 def test_words_get_a_gesture_and_bad_ones_an_error_that_is_not_fatal() -> None:
