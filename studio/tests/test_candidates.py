@@ -66,7 +66,7 @@ def test_what_is_shown_is_what_the_live_engine_shows_for_the_same_codes(bundle):
     pipeline.generator.step = listening
     sound = canned.hum(8 * 4 / 15, 200)
     live = animate(pipeline, in_blocks(sound), seed=5)
-    shown = decode(Pipeline(bundle), sound, torch.cat(drawn, 1)[:, :16])[0]
+    shown = decode(Pipeline(bundle), sound, torch.from_numpy(np.concatenate(drawn, 1)[:, :16]))[0]
     # the session adds breath and glances of its own; the root and the legs are the pipeline's
     assert np.abs(live.motion.root - shown.motion.root).max() < 0.03
     turned = np.abs((live.motion.rotations * shown.motion.rotations).sum(-1)).clip(0, 1)

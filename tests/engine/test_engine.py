@@ -181,7 +181,7 @@ def test_a_pipeline_that_is_loaded_again_leaves_nothing_of_the_old_one_in_memory
     """At once, without Python's search for cycles, which may come minutes later or never: loaded objects are frozen."""
     engine = load(tiny_bundle, seats=1)
     parts = [engine.pipeline, engine.pipeline.generator, engine.pipeline.generator._step.__self__]
-    tokenizer = engine.pipeline.decode.__self__
+    tokenizer = engine.pipeline.decoder._step.__self__
     parts += [engine.pipeline.codec, tokenizer, *tokenizer.parameters()]
     old = [weakref.ref(part) for part in parts]
     del parts, tokenizer

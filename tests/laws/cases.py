@@ -46,6 +46,7 @@ from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.motion.stages.stillness import Stillness
 from echoavatar.nn import CausalAttention, CausalBlock
 from echoavatar.nn.exported import ExportedStep
+from echoavatar.nn.torch_step import TorchStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
 from echoavatar_lab.models.export import export_step
 from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
@@ -343,6 +344,7 @@ CASES: dict[type, dict[str, Case]] = {
 }
 
 COVERED: dict[type, tuple[type, str]] = {
+    TorchStep: (Pipeline, "runs the parts that have no graph"),
     FrameDecoder: (FaceStream, "makes the frames of the ring form"),
     WindowFrames: (FaceStream, "makes the frames of the window form"),
     Smoother: (Post, "runs in every chunk"),

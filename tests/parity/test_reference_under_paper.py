@@ -40,7 +40,7 @@ def run(tiny_bundle: Path, how: str) -> np.ndarray:
     bundle = replace(plain.having(tokenizer=tokenizer), runtime=Runtime(rig=rig)).running(how)
     pipeline = Pipeline(bundle, output="native")
     chunks = iter(torch.from_numpy(features).split(8, 1))
-    pipeline.decode = lambda *_: next(chunks)  # type: ignore[method-assign]
+    pipeline.decoder.step = lambda *_: next(chunks)
     with Engine(pipeline, seats=1, rewind=0, workers=0).open(seed=1) as session:
         session.push(np.full(CHUNKS * CHUNK_SAMPLES, 0.1, np.float32))
         session.finish()

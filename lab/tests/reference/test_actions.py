@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from scripts.synthetic_release import ACTIONS
 
@@ -25,7 +26,7 @@ def test_sets_hold_as_a_whole_over_both_segments(tmp_path):
     assert list(again) == ["raise_up_left_hand", "stand"]
     stand = again.find("stand")
     for elapsed in (0, 7, 14):
-        assert stand.members(elapsed, 15, 1024).nonzero().flatten().tolist() == [7, 512 + 495]
+        assert np.flatnonzero(stand.members(elapsed, 15, 1024)).tolist() == [7, 512 + 495]
     assert stand.seconds == pytest.approx(4.0)
     assert stand.length(10.0) > 30
     with pytest.raises(CheckpointError, match="another tokenizer"):

@@ -59,7 +59,7 @@ def test_a_naive_loop_gives_the_same_frames(memory):
 def test_a_face_without_torch_is_the_same_face():
     """The shipped one: its weights as arrays and its ear as a graph, beside the model with both kinds of ear."""
     bundle = load_bundle()
-    graph = bundle.steps["face"]
+    graph = bundle.parts["face"].graph
     frozen = FrozenFace(bundle.face.config, bundle.face.arrays(), graph)
     audio = sound(2, 3 * CHUNK_SAMPLES, torch.Generator().manual_seed(4)).float().numpy()
 
