@@ -1,6 +1,6 @@
 """Faces: 52 ARKit curves from sound, streaming (paper, Facial Animation and Face Animation Generator).
 
-May import `audio`, `noise`, `nn`, `checkpoint` and below.
+May import `audio`, `models.noise`, `nn`, `checkpoint` and below.
 """
 
 from typing import TYPE_CHECKING, Any
