@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from tests.golden import golden
 
 from echoavatar.engine import Engine
@@ -39,7 +38,7 @@ def run(tiny_bundle: Path, how: str) -> np.ndarray:
     rig = rig_config(own.config, np.stack([np.eye(3)] * 88), np.stack([np.eye(3)] * 88))
     bundle = replace(plain.having(tokenizer=tokenizer), runtime=Runtime(rig=rig)).running(how)
     pipeline = Pipeline(bundle, output="native")
-    chunks = iter(torch.from_numpy(features).split(8, 1))
+    chunks = iter(np.split(np.ascontiguousarray(features, np.float32), range(8, features.shape[1], 8), 1))
     pipeline.decoder.step = lambda *_: next(chunks)
     with Engine(pipeline, seats=1, rewind=0, workers=0).open(seed=1) as session:
         session.push(np.full(CHUNKS * CHUNK_SAMPLES, 0.1, np.float32))
