@@ -89,17 +89,14 @@ def test_a_quiet_speaker_hardly_gestures():
     assert gestures(session) == []
 
 
-@pytest.mark.xfail(reason="since sessions are stepped in batches, one gesture of words that come late is another")
 def test_words_that_come_piece_by_piece_give_the_same():
     whole, pieces = open_session(), open_session()
     whole.words(TALK)
     motion(whole, 20)
     for second in range(20):
-        pieces.words([(word, at - second) for word, at in TALK if second <= at < second + 1])
-        if second >= 2:  # words run two seconds ahead of the sound that is made
-            motion(pieces, 1)
-        else:
-            pieces.push(sound(1))
+        first = second + 2 if second else 0  # words run two seconds ahead of the sound that is made
+        pieces.words([(word, at - second) for word, at in TALK if first <= at < second + 3])
+        motion(pieces, 1)
     assert [act for act in gestures(whole) if act[2] < 60] == [act for act in gestures(pieces) if act[2] < 60] != []
 
 
