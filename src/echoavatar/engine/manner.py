@@ -15,8 +15,10 @@ from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
 LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
-CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}  # what a free run is told over what was drawn
-LIVELIEST = 0.85  # what the dial's end is told: few drawn manners are livelier, so that little was learned beyond
+# Added to the drawn numbers before the model is told them, because it exaggerates: it gestures more than it is told, with
+# both hands more often, and its hands mirror each other less.
+CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
+LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -36,7 +38,7 @@ class SpeakerManner:
         self._seed, self._drawn = seed, np.array(draw_manner(seed).values)
         for name, by in CORRECTED.items():
             self._drawn[MANNER.index(name)] += by
-        self._drawn[REST] = 0  # at the sides: a free run keeps its hands before the body too often
+        self._drawn[REST] = 0  # at the sides: the model keeps idle hands before the body too often
         self._set: dict[str, float] = {}
         self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
         self.choose(options.liveliness, options.handedness)
