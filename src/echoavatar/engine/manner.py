@@ -15,8 +15,8 @@ from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
 LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
-# Added to the drawn numbers before the model is told them, because it exaggerates: it gestures more than it is told, with
-# both hands more often, and its hands mirror each other less.
+# Added to the drawn numbers before the model is told them, because it exaggerates: it gestures more than told, with
+# both hands more often, and they mirror each other less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
 DRIFT = 0.15  # how far a number wanders from what was drawn
