@@ -92,41 +92,41 @@ TINY = Scale(
 
 REHEARSAL = Scale(
     name="rehearsal",
-    hours=3.6,
-    clip_seconds=32.0,
+    hours=1.8,
+    clip_seconds=16.0,
     test_clips=24,
     seconds=60.0,
     tokenizer=MotionTokenizerConfig(
         features=1, width=96, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
     ),
     tokenizer_training=TokenizerTraining(
-        steps=1000,
+        steps=400,
         batch=24,
         learning_rate=1.5e-3,
-        warmup=100,
+        warmup=40,
         decay_at=(0.6, 0.8, 0.92),
         decay_factor=0.4,
         temperature=0,
         dropout=0,
-        quantize_from=100,
+        quantize_from=40,
         evaluate_every=0,
     ),
     generator=GeneratorConfig(
         sequence="depth", window_chunks=15, width=192, layers=6, mlp=576, depth_width=96, depth_layers=3, depth_heads=4
     ),
-    generator_training=GeneratorTraining(steps=800, batch=16, optimiser="muon", asked=0.25),
+    generator_training=GeneratorTraining(steps=320, batch=16, optimiser="muon", asked=0.25),
     stage1=GeneratorTraining(
-        objective="streams", steps=100, batch=16, learning_rate=2e-4, schedule="constant", weight_decay=0
+        objective="streams", steps=40, batch=16, learning_rate=2e-4, schedule="constant", weight_decay=0
     ),
-    stage3=GeneratorTraining(steps=300, batch=16, optimiser="muon", asked=0.25, exemplar=0.3),
+    stage3=GeneratorTraining(steps=120, batch=16, optimiser="muon", asked=0.25, exemplar=0.3),
     quality=QualityConfig(**paper.QUALITY["model"] | {"width": 96, "heads": 4}),
-    quality_training=QualityTraining(steps=800),
+    quality_training=QualityTraining(steps=300),
     alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN | {"width": 96, "heads": 4}),
-    alignment_training=AudioRewardTraining(steps=300, batch=32),
+    alignment_training=AudioRewardTraining(steps=100, batch=32),
     speech_hours=0.25,
     pieces=10,
     pairs=64,
-    tuning={"steps": 60, "evaluate_every": 30, "videos": 0},
+    tuning={"steps": 30, "evaluate_every": 15, "videos": 0},
 )
 
 PAPER = Scale(
