@@ -3,6 +3,7 @@ import pytest
 from tests.engine.fakes import engine
 
 from echoavatar.engine.manner import SpeakerManner
+from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.models.generator.manner import MANNER, draw_manner
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
@@ -84,3 +85,32 @@ def test_a_session_is_told_its_manner_and_numbers_out_of_range_are_refused():
         assert plan.manner[MANNER.index("right")] == 1
         with pytest.raises(ValueError, match="liveliness"):
             session.core.set_manner(liveliness=1.5)
+
+
+def test_a_speaker_who_is_asked_to_gesture_more_moves_further_and_one_who_is_not_asked_as_the_model_says():
+    sizes = [sizes_of(liveliness=value)[0] for value in (0, 0.2, 0.5, 0.8, 1)]
+    assert all(np.diff(sizes) > 0)
+    assert sizes[0] < 0.5 < sizes[2] == sizes_of()[0] == 1 < sizes[-1]
+
+
+def test_the_hand_that_is_not_set_moves_less():
+    left, middle, right = (sizes_of(handedness=value) for value in (0, 0.5, 1))
+    assert left[0] == right[1] == middle[0] == middle[1] == 1
+    assert left[1] == right[0] < 0.5
+
+
+def sizes_of(**options: float) -> tuple[float, float]:
+    return SpeakerManner(3, MotionOptions(**options)).sizes
+
+
+@pytest.mark.parametrize("wanted", ["nothing", "wave", "music"])
+def test_a_small_gesturer_acts_and_dances_whole(wanted: str):
+    machine = engine()
+    machine.actions = ActionLibrary({"wave": Action("wave", (1, 2, 3, 4), (0, 1))})
+    core = machine.open_core(options=MotionOptions(liveliness=0))
+    core.push(np.full(6_400, 0.1, np.float32))
+    if wanted == "music":
+        core.play("piece", np.full(24_000, 0.1, np.float32))
+    if wanted == "wave":
+        core.act("wave")
+    assert (core.begin_chunk(0).sizes[0] < 0.5) == (wanted == "nothing")

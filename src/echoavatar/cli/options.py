@@ -81,10 +81,7 @@ def add_manner(parser: argparse.ArgumentParser) -> None:
         "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: as the seed)"
     )
     parser.add_argument(
-        "--handedness",
-        type=_share,
-        metavar="0..1",
-        help="hand of one-handed gestures (the default model hardly follows it), 0: left, 1: right (as the seed)",
+        "--handedness", type=_share, metavar="0..1", help="hand that gestures more, 0: left, 1: right (as the seed)"
     )
     parser.add_argument(
         "--eye-contact",

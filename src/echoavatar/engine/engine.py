@@ -304,7 +304,7 @@ class Engine:
         count = len(seats)
         audio, active = np.zeros((count, self.chunk.samples), np.float32), np.zeros(count, np.bool_)
         members, is_asked, forgets = np.zeros((count, self._codes), np.float32), False, np.zeros(count, np.bool_)
-        manner = np.full((count, len(TOLD)), np.nan, np.float32)
+        manner, sizes = np.full((count, len(TOLD)), np.nan, np.float32), np.ones((count, 2), np.float32)
         for row, session in zip(rows, ready, strict=True):
             if session.is_new:
                 this = np.ones(1, np.bool_)
@@ -314,7 +314,7 @@ class Engine:
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
-            manner[row] = plan.manner
+            manner[row], sizes[row] = plan.manner, plan.sizes
             if plan.members is not None:
                 members[row], is_asked = plan.members, True
         state = self._state.rows(seats)
@@ -322,6 +322,7 @@ class Engine:
             self.pipeline.restart_generator(state, forgets)
         told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
         told |= {"manner": manner} if self.pipeline.has_manner else {}
+        told |= {"sizes": sizes} if (sizes != 1).any() else {}
         chunks = self.pipeline.step(audio, state, active, **told)
         undoing: list[list[Patch]] = [[] for _ in ready]
         if self._rewind:

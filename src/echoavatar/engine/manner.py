@@ -19,6 +19,7 @@ LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right"
 # both hands more often, and they mirror each other less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
+SMALLEST, LARGEST = 0.35, 1.25  # how far arms move at the ends of the dial, as times as the model says
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -48,6 +49,14 @@ class SpeakerManner:
         told = {"liveliness": liveliness and liveliness * LIVELIEST, "handedness": handedness}
         self._set |= {SET[name]: value for name, value in told.items() if value is not None}
         self._turns.clear()
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """How far the left and the right arm move, as times as the model says; 1 where nothing is set."""
+        middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
+        size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
+        left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size
+        return float(left), float(right)
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""

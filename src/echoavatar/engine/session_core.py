@@ -48,6 +48,7 @@ class ChunkPlan(NamedTuple):
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
     manner: Float[np.ndarray, " m"]  # how the speaker gestures
+    sizes: tuple[float, float]  # how far the left and the right arm move, as times as the model says
     forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
@@ -345,7 +346,9 @@ class SessionCore:
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            plan = ChunkPlan(heard.audio, members, manner, forgets, undone)
+            is_talk = heard.music is None and self._is_free(chunk)
+            sizes = self._manner.sizes if is_talk else (1.0, 1.0)
+            plan = ChunkPlan(heard.audio, members, manner, sizes, forgets, undone)
             self._making = chunk, heard, plan
             return plan
 

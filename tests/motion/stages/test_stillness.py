@@ -20,14 +20,17 @@ def forearms(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return quaternion_from_axis_angle(turns)
 
 
-def shown(rotations: np.ndarray, skeleton: Skeleton = HUMANOID, travel: float = 0.0) -> np.ndarray:
-    """What is shown in chunks of 8 frames; the hips travel by so many metres per second."""
+def shown(
+    rotations: np.ndarray, skeleton: Skeleton = HUMANOID, travel: float = 0.0, size: float = 1.0, until: int = 10**6
+) -> np.ndarray:
+    """What is shown in chunks of 8 frames; hips travel by so many metres per second, arms have this size at first."""
     stage, rotations = Stillness(skeleton), rotations.copy()
     state = stage.init_state(len(rotations))
     for at in range(0, rotations.shape[1], 8):
         part = np.ascontiguousarray(rotations[:, at : at + 8])
         root = np.full((*part.shape[:2], 3), (0, 0.9, travel / 30), np.float32)
-        stage.step(Pose(part, root, 30.0), state, everyone(len(part)))
+        sizes = np.full((len(part), 2), size if at < until else 1.0, np.float32)
+        stage.step(Pose(part, root, 30.0), state, everyone(len(part)), sizes)
         rotations[:, at : at + 8] = part
     return rotations
 
@@ -146,3 +149,19 @@ def test_a_rig_without_arms_is_left_as_it_is():
     config = HUMANOID.config.model_copy(update={"names": tuple(names), "tips": {}})
     moves = forearms(0.2 * np.sin(4 * TIME), 0 * TIME)
     assert np.array_equal(shown(moves, skeleton=Skeleton(config)), moves)
+
+
+@pytest.mark.parametrize(("size", "least", "most"), [(0.4, 0.33, 0.48), (1.25, 1.15, 1.3)])
+def test_a_speaker_who_gestures_less_or_more_makes_smaller_or_larger_strokes_at_the_same_time(size, least, most):
+    moves = forearms(0.5 * np.sin(6 * TIME), 0.5 * np.sin(6 * TIME))
+    own, asked = (angles(shown(moves, size=one))[0][120:] for one in (1.0, size))
+    assert least < np.ptp(asked) / np.ptp(own) < most
+    lag = np.argmax([np.dot(own[8:-8], asked[8 + by : len(asked) - 8 + by]) for by in range(-8, 9)]) - 8
+    assert abs(lag) <= 1
+
+
+def test_a_new_size_is_reached_within_two_chunks_and_without_a_jump():
+    moves = forearms(0.5 * np.sin(6 * TIME), 0 * TIME)
+    own, changed = angles(shown(moves))[0], angles(shown(moves, size=0.4, until=120))[0]
+    assert np.abs(changed - own)[136:].max() < 0.03 < np.abs(changed - own)[100:120].max()
+    assert np.abs(np.diff(changed)).max() < 1.6 * np.abs(np.diff(own)).max()

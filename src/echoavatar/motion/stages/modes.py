@@ -34,11 +34,7 @@ class MotionOptions(Config):
         description="how much a speaker gestures: 0 hardly, 1 a storyteller; None: as the seed",
     )
     handedness: float | None = Field(
-        default=None,
-        ge=0,
-        le=1,
-        description="the hand of one-handed gestures: 0 left, 1 right; None: as the seed. The default bundle hardly"
-        " follows it",
+        default=None, ge=0, le=1, description="the hand that gestures more: 0 left, 1 right; None: as the seed"
     )
     eye_contact: float = Field(
         default=0.5,

@@ -16,7 +16,10 @@ v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
 `CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
 forgotten within `FORGOTTEN_S`. And no talker leans far to a side for seconds, as a generator may: the spine's roll is
-at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is. Not in the paper.
+at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is.
+
+A speaker who is asked to gesture less, or more, or with one hand, moves each arm `size` times as far from where it was
+on average within `PLACE_S`, and the trunk as the arms do; strokes come when they came. Not in the paper.
 """
 
 import math
@@ -49,6 +52,7 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
+PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 SPINE = ("spine", "chest", "upperChest")
@@ -56,12 +60,13 @@ SPINE = ("spine", "chest", "upperChest")
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame, if any: arms as shown, the spine as it came and as shown, wrists as they came, and speeds."""
+    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, wrists, speeds, size."""
 
-    shown: Float[Array, "b 2 4 4"]
+    arms: Float[Array, "b 2 2 4 4"]
     spine: Float[Array, "b 2 s 4"]
     wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
     speeds: Float[Array, "b 3"]  # of the wrists and of the hips
+    size: Float[Array, "b 2"]
     has_shown: Bool[Array, " b"]
 
 
@@ -80,16 +85,19 @@ class Stillness:
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
         arms, spine, wrists, speeds = (
-            np.zeros((rows, *shape), np.float32) for shape in ((2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
+            np.zeros((rows, *shape), np.float32) for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
         )
-        return StillnessState(arms, spine, wrists, speeds, np.zeros(rows, bool))
+        return StillnessState(arms, spine, wrists, speeds, np.ones((rows, 2), np.float32), np.zeros(rows, bool))
 
-    def step(self, pose: Pose, state: StillnessState, active: Bool[Array, " b"]) -> None:
-        """Filter the arms and the spine of active rows, in place."""
+    def step(
+        self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], sizes: Float[Array, "b 2"] | None = None
+    ) -> None:
+        """Filter the arms and the spine of active rows, in place; no `sizes` of left and right are sizes of 1."""
         if self._has_arms:
-            last = (state.shown, state.spine, state.wrists, state.speeds, state.has_shown)
+            last = (state.arms, state.spine, state.wrists, state.speeds, state.size, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
-            rest(pose.rotations, pose.root, *last, active, self._spine, *arms, fps)
+            sizes = np.ones((len(active), 2), np.float32) if sizes is None else sizes
+            rest(pose.rotations, pose.root, *last, sizes, active, self._spine, *arms, fps)
 
 
 @kernel()
@@ -149,10 +157,10 @@ def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fp
 
 
 @kernel()
-def take_part(pose, came, shown, spine, speeds, has_shown, fps):  # type: ignore[no-untyped-def]
+def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: ignore[no-untyped-def]
     """Turn the spine of a frame by more where hands move, by less where they rest; `speeds` are the frame's."""
     fast, passes = max(speeds[0], speeds[1]), min(TRAVEL * speeds[2], 1.0)
-    rate = CALM + TAKES_PART * fast / (fast + HALF)
+    rate = 0.5 * (size[0] + size[1]) * (CALM + TAKES_PART * fast / (fast + HALF))
     rate += (1.0 - rate) * passes
     roll = 1e-9
     for bone in range(len(spine)):
@@ -174,9 +182,12 @@ def take_part(pose, came, shown, spine, speeds, has_shown, fps):  # type: ignore
 
 
 @kernel()
-def rest(rotations, root, shown, trunk, wrists, last, has_shown, active, spine, joints, offsets, reach, fps):  # type: ignore[no-untyped-def]
+def rest(  # type: ignore[no-untyped-def]
+    rotations, root, arms, trunk, wrists, last, size, has_shown, sizes, active, spine, joints, offsets, reach, fps
+):
     """Filter both arms and the spine of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
+    settling, growing = 1.0 - math.exp(-1.0 / (fps * PLACE_S)), 1.0 - math.exp(-1.0 / (fps * SIZE_S))
     for row in range(len(rotations)):
         if not active[row]:
             continue
@@ -184,11 +195,14 @@ def rest(rotations, root, shown, trunk, wrists, last, has_shown, active, spine, 
         measure(rotations[row], root[row], *own, joints, offsets, reach, fps, speeds)
         for frame in range(rotations.shape[1]):
             now = rotations[row, frame]
-            take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], has_shown[row], fps)
+            for side in range(2):
+                size[row, side] += (growing if has_shown[row] else 1.0) * (sizes[row, side] - size[row, side])
+            take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], size[row], has_shown[row], fps)
             for side in range(len(joints)):
+                shown, place = arms[row, 0, side], arms[row, 1, side]
                 behind = 0.0
                 if has_shown[row]:
-                    gap = minus(wrist(now, joints[side], offsets[side]), held_wrist(shown[row, side], offsets[side]))
+                    gap = minus(wrist(now, joints[side], offsets[side]), held_wrist(shown, offsets[side]))
                     behind = length(gap) / reach[side]
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
@@ -196,7 +210,9 @@ def rest(rotations, root, shown, trunk, wrists, last, has_shown, active, spine, 
                 share = 1.0 / (1.0 + fps / (2.0 * math.pi * cutoff)) if has_shown[row] else 1.0
                 for bone in range(joints.shape[1]):
                     joint = joints[side, bone]
-                    q = between(read_quaternion(shown[row, side, bone]), read_quaternion(now[joint]), share)
-                    write_quaternion(now[joint], q)
-                    write_quaternion(shown[row, side, bone], q)
+                    q = between(read_quaternion(shown[bone]), read_quaternion(now[joint]), share)
+                    write_quaternion(shown[bone], q)
+                    mean = between(read_quaternion(place[bone]), q, settling) if has_shown[row] else q
+                    write_quaternion(place[bone], mean)
+                    write_quaternion(now[joint], q if size[row, side] == 1.0 else between(mean, q, size[row, side]))
             has_shown[row] = True
