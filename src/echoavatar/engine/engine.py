@@ -31,6 +31,7 @@ from echoavatar.models.generator.manner import TOLD
 from echoavatar.motion import homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.nn.device import threads
 
 from .audio_queue import QUEUE_SECONDS
@@ -304,7 +305,7 @@ class Engine:
         count = len(seats)
         audio, active = np.zeros((count, self.chunk.samples), np.float32), np.zeros(count, np.bool_)
         members, is_asked, forgets = np.zeros((count, self._codes), np.float32), False, np.zeros(count, np.bool_)
-        manner, sizes = np.full((count, len(TOLD)), np.nan, np.float32), np.ones((count, 2), np.float32)
+        manner, hands = np.full((count, len(TOLD)), np.nan, np.float32), np.tile(WHOLE, (count, 1))
         for row, session in zip(rows, ready, strict=True):
             if session.is_new:
                 this = np.ones(1, np.bool_)
@@ -314,15 +315,14 @@ class Engine:
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
-            manner[row], sizes[row] = plan.manner, plan.sizes
+            manner[row], hands[row] = plan.manner, plan.hands
             if plan.members is not None:
                 members[row], is_asked = plan.members, True
         state = self._state.rows(seats)
         if forgets.any():
             self.pipeline.restart_generator(state, forgets)
         told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
-        told |= {"manner": manner} if self.pipeline.has_manner else {}
-        told |= {"sizes": sizes} if (sizes != 1).any() else {}
+        told |= {"manner": manner, "hands": hands} if self.pipeline.has_manner else {}
         chunks = self.pipeline.step(audio, state, active, **told)
         undoing: list[list[Patch]] = [[] for _ in ready]
         if self._rewind:

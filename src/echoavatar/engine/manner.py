@@ -50,13 +50,14 @@ class SpeakerManner:
         self._set |= {SET[name]: value for name, value in told.items() if value is not None}
         self._turns.clear()
 
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """How far the left and the right arm move, as times as the model says; 1 where nothing is set."""
+    def hands(self, chunk: int) -> Float[np.ndarray, " 3"]:
+        """`WHOLE` for one who talks: how far the left and the right arm move; one that rests moves less."""
         middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
         size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
-        left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size
-        return float(left), float(right)
+        near = [self._hands(at)[:2] for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
+        works = np.interp(np.mean(near, axis=0), (IDLE[1], QUIET), (SMALLEST, 1))
+        left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
+        return np.array([left, right, 1], np.float32)
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""

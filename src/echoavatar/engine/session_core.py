@@ -21,6 +21,7 @@ from echoavatar.motion.homecoming import Homecoming
 from echoavatar.motion.idle_motion import IdleMotion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .action_scheduler import ActionScheduler, ActStatus
@@ -48,7 +49,7 @@ class ChunkPlan(NamedTuple):
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
     manner: Float[np.ndarray, " m"]  # how the speaker gestures
-    sizes: tuple[float, float]  # how far the left and the right arm move, as times as the model says
+    hands: Float[np.ndarray, " 3"]  # how far the left and the right arm move, and whether they talk
     forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
@@ -347,8 +348,8 @@ class SessionCore:
                 chunk, heard.audio, acts=members is not None
             )
             is_talk = heard.music is None and self._is_free(chunk)
-            sizes = self._manner.sizes if is_talk else (1.0, 1.0)
-            plan = ChunkPlan(heard.audio, members, manner, sizes, forgets, undone)
+            hands = self._manner.hands(chunk) if is_talk else WHOLE
+            plan = ChunkPlan(heard.audio, members, manner, hands, forgets, undone)
             self._making = chunk, heard, plan
             return plan
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.motion.stages.poses import everyone
 
-from echoavatar.motion.kinematics import HUMANOID, Skeleton
-from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_axis_angle
 from echoavatar.motion.stages.pose import Pose
 from echoavatar.motion.stages.stillness import Stillness
 
@@ -21,7 +21,12 @@ def forearms(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def shown(
-    rotations: np.ndarray, skeleton: Skeleton = HUMANOID, travel: float = 0.0, size: float = 1.0, until: int = 10**6
+    rotations: np.ndarray,
+    skeleton: Skeleton = HUMANOID,
+    travel: float = 0.0,
+    size: float = 1.0,
+    until: int = 10**6,
+    talks: float = 0.0,
 ) -> np.ndarray:
     """What is shown in chunks of 8 frames; hips travel by so many metres per second, arms have this size at first."""
     stage, rotations = Stillness(skeleton), rotations.copy()
@@ -29,8 +34,9 @@ def shown(
     for at in range(0, rotations.shape[1], 8):
         part = np.ascontiguousarray(rotations[:, at : at + 8])
         root = np.full((*part.shape[:2], 3), (0, 0.9, travel / 30), np.float32)
-        sizes = np.full((len(part), 2), size if at < until else 1.0, np.float32)
-        stage.step(Pose(part, root, 30.0), state, everyone(len(part)), sizes)
+        own = size if at < until else 1.0
+        hands = np.tile(np.float32([own, own, talks]), (len(part), 1))
+        stage.step(Pose(part, root, 30.0), state, everyone(len(part)), hands)
         rotations[:, at : at + 8] = part
     return rotations
 
@@ -165,3 +171,33 @@ def test_a_new_size_is_reached_within_two_chunks_and_without_a_jump():
     own, changed = angles(shown(moves))[0], angles(shown(moves, size=0.4, until=120))[0]
     assert np.abs(changed - own)[136:].max() < 0.03 < np.abs(changed - own)[100:120].max()
     assert np.abs(np.diff(changed)).max() < 1.6 * np.abs(np.diff(own)).max()
+
+
+def test_a_small_gesturers_hand_does_not_stay_up_and_comes_down_at_once():
+    """The left arm is lifted sideways, or falls; three seconds later it has gone so much of the way."""
+
+    def gone(first: float, last: float) -> float:
+        turns, arm = np.zeros((1, len(TIME), 3), np.float32), HUMANOID.index("leftUpperArm")
+        turns[0, :, 2] = np.where(TIME < 4, first, last)
+        moves = forearms(0 * TIME, 0 * TIME)
+        moves[:, :, arm] = quaternion_from_axis_angle(turns)
+        made = shown(moves, size=0.4)[0, :, arm]
+        angle = 2 * np.arctan2(made[:, 3], made[:, 0])
+        return float((angle[210] - first) / (last - first))
+
+    assert 0.4 < gone(-1.2, 0.2) < 0.75 < 0.85 < gone(0.2, -1.2)
+
+
+@pytest.mark.parametrize(("talks", "travel", "least", "most"), [(0, 0, 0.98, 1), (1, 0, 0.6, 0.9), (1, 0.5, 0.98, 1)])
+def test_a_talkers_hand_that_is_held_out_before_the_body_is_lowered_and_a_dancers_is_not(talks, travel, least, most):
+    turns, arm = np.zeros((1, len(TIME), 3), np.float32), HUMANOID.index("leftUpperArm")
+    turns[0, :, 1] = -1.2  # to the front
+    moves = forearms(0 * TIME, 0 * TIME)
+    moves[:, :, arm] = quaternion_from_axis_angle(turns)
+    made = shown(moves, talks=talks, travel=travel)[0, -1]
+    poses = (matrix_from_quaternion(q) for q in (moves[0, -1], made))
+    places = [forward_kinematics(HUMANOID, pose, np.zeros(3)).positions for pose in poses]
+    was, now = (place[HUMANOID.index("leftHand")] - place[arm] for place in places)
+    assert least <= now[2] / was[2] <= most
+    assert now[1] <= was[1] + 1e-4
+    assert now[0] >= was[0] - 1e-4, "aside"

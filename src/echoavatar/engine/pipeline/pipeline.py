@@ -216,14 +216,14 @@ class Pipeline:
         *,
         directive: Directive | None = None,
         manner: Float[np.ndarray, "b m"] | None = None,
-        sizes: Float[np.ndarray, "b 2"] | None = None,
+        hands: Float[np.ndarray, "b 3"] | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
         A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
         The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
-        Row by row, `directive` holds the requests of actions, `manner` the numbers of `Manner`, and `sizes`
-        how far each arm moves. Benchmarks set `on_stage`, called after each stage.
+        Row by row, `directive` holds the requests of actions, `manner` the numbers of `Manner`, and `hands`
+        what the post-processing does with arms. Benchmarks set `on_stage`, called after each stage.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
@@ -241,7 +241,7 @@ class Pipeline:
             features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
         pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
-        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage, sizes) for piece in pieces])
+        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage, hands) for piece in pieces])
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         return motion.split(face)

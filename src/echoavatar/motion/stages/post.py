@@ -87,11 +87,11 @@ class Post:
         state: PostState,
         active: Bool[np.ndarray, " b"],
         on_stage: OnStage | None = None,
-        sizes: Float[np.ndarray, "b 2"] | None = None,
+        hands: Float[np.ndarray, "b 3"] | None = None,
     ) -> MotionBatch:
         """The motion of a chunk. `on_stage(name)` is called after each stage, also after those left out.
 
-        `sizes` is how far the left and the right arm move, as times as decoded.
+        `hands`: how far the left and the right arm move, and whether they talk, see `stillness.WHOLE`.
         """
         report = on_stage or _ignore
         radius, in_place, upper_body = state.modes.options.T
@@ -103,7 +103,7 @@ class Post:
             self._smoother.step(pose, state.smoother, active)
         report("smoother")
         if "stillness" in self.stages:
-            self._stillness.step(pose, state.stillness, active, sizes)
+            self._stillness.step(pose, state.stillness, active, hands)
         report("stillness")
         self._idle_legs.stand(pose, is_idle)
         chains = self._chains.pose(pose.rotations)

@@ -18,8 +18,11 @@ People's trunks move when their hands do. So each turn of the spine's joints is 
 forgotten within `FORGOTTEN_S`. And no talker leans far to a side for seconds, as a generator may: the spine's roll is
 at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is.
 
-A speaker who is asked to gesture less, or more, or with one hand, moves each arm `size` times as far from where it was
-on average within `PLACE_S`, and the trunk as the arms do; strokes come when they came. Not in the paper.
+A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
+from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. The place
+of a hand of size under 1 rises `RISES` times as slowly as it sinks: none stays up. And the generator holds a speaker's
+hands too far before the body, so an arm turns down and aside by `LOWERED` and `OPENED` times the distance. Not in the
+paper.
 """
 
 import math
@@ -52,21 +55,25 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
-PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
+PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
+LOWERED, OPENED = 0.3, 0.2  # radians an arm length
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
+WHOLE = np.array(
+    [1, 1, 0], np.float32
+)  # sizes of the left and the right hand, and 1 if they talk: what actions and dances get
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 SPINE = ("spine", "chest", "upperChest")
 
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, wrists, speeds, size."""
+    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, wrists, speeds, hands."""
 
     arms: Float[Array, "b 2 2 4 4"]
     spine: Float[Array, "b 2 s 4"]
     wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
     speeds: Float[Array, "b 3"]  # of the wrists and of the hips
-    size: Float[Array, "b 2"]
+    hands: Float[Array, "b 3"]  # sizes of the left and the right, and whether they talk
     has_shown: Bool[Array, " b"]
 
 
@@ -87,17 +94,17 @@ class Stillness:
         arms, spine, wrists, speeds = (
             np.zeros((rows, *shape), np.float32) for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
         )
-        return StillnessState(arms, spine, wrists, speeds, np.ones((rows, 2), np.float32), np.zeros(rows, bool))
+        return StillnessState(arms, spine, wrists, speeds, np.tile(WHOLE, (rows, 1)), np.zeros(rows, bool))
 
     def step(
-        self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], sizes: Float[Array, "b 2"] | None = None
+        self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], hands: Float[Array, "b 3"] | None = None
     ) -> None:
-        """Filter the arms and the spine of active rows, in place; no `sizes` of left and right are sizes of 1."""
+        """Filter the arms and the spine of active rows, in place; `hands` are as `WHOLE`."""
         if self._has_arms:
-            last = (state.arms, state.spine, state.wrists, state.speeds, state.size, state.has_shown)
+            last = (state.arms, state.spine, state.wrists, state.speeds, state.hands, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
-            sizes = np.ones((len(active), 2), np.float32) if sizes is None else sizes
-            rest(pose.rotations, pose.root, *last, sizes, active, self._spine, *arms, fps)
+            hands = np.tile(WHOLE, (len(active), 1)) if hands is None else hands
+            rest(pose.rotations, pose.root, *last, hands, active, self._spine, *arms, fps)
 
 
 @kernel()
@@ -160,7 +167,7 @@ def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fp
 def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: ignore[no-untyped-def]
     """Turn the spine of a frame by more where hands move, by less where they rest; `speeds` are the frame's."""
     fast, passes = max(speeds[0], speeds[1]), min(TRAVEL * speeds[2], 1.0)
-    rate = 0.5 * (size[0] + size[1]) * (CALM + TAKES_PART * fast / (fast + HALF))
+    rate = size * (CALM + TAKES_PART * fast / (fast + HALF))
     rate += (1.0 - rate) * passes
     roll = 1e-9
     for bone in range(len(spine)):
@@ -182,8 +189,16 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 
 @kernel()
+def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
+    """Turn the upper arm of a frame down and aside, the more, the further the wrist is before the shoulder."""
+    half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
+    turn = normalized((1.0, half * LOWERED, half * (OPENED if offsets[0][0] > 0.0 else -OPENED), 0.0))
+    write_quaternion(pose[joints[1]], multiply(turn, read_quaternion(pose[joints[1]])))
+
+
+@kernel()
 def rest(  # type: ignore[no-untyped-def]
-    rotations, root, arms, trunk, wrists, last, size, has_shown, sizes, active, spine, joints, offsets, reach, fps
+    rotations, root, arms, trunk, wrists, last, hands, has_shown, asked, active, spine, joints, offsets, reach, fps
 ):
     """Filter both arms and the spine of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
@@ -195,15 +210,17 @@ def rest(  # type: ignore[no-untyped-def]
         measure(rotations[row], root[row], *own, joints, offsets, reach, fps, speeds)
         for frame in range(rotations.shape[1]):
             now = rotations[row, frame]
-            for side in range(2):
-                size[row, side] += (growing if has_shown[row] else 1.0) * (sizes[row, side] - size[row, side])
-            take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], size[row], has_shown[row], fps)
+            for part in range(3):
+                hands[row, part] += (growing if has_shown[row] else 1.0) * (asked[row, part] - hands[row, part])
+            larger, talks = max(hands[row, 0], hands[row, 1]), hands[row, 2] * max(1.0 - TRAVEL * speeds[frame, 2], 0.0)
+            take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], larger, has_shown[row], fps)
             for side in range(len(joints)):
                 shown, place = arms[row, 0, side], arms[row, 1, side]
-                behind = 0.0
+                at, behind, follows = wrist(now, joints[side], offsets[side]), 0.0, 1.0
                 if has_shown[row]:
-                    gap = minus(wrist(now, joints[side], offsets[side]), held_wrist(shown, offsets[side]))
-                    behind = length(gap) / reach[side]
+                    behind = length(minus(at, held_wrist(shown, offsets[side]))) / reach[side]
+                    rises = hands[row, side] < 1.0 and at[1] > held_wrist(place, offsets[side])[1]
+                    follows = settling * (RISES if rises else 1.0)
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
                 cutoff = STILL_HZ + GAIN_HZ * pace * pace
@@ -212,7 +229,9 @@ def rest(  # type: ignore[no-untyped-def]
                     joint = joints[side, bone]
                     q = between(read_quaternion(shown[bone]), read_quaternion(now[joint]), share)
                     write_quaternion(shown[bone], q)
-                    mean = between(read_quaternion(place[bone]), q, settling) if has_shown[row] else q
+                    mean = between(read_quaternion(place[bone]), q, follows)
                     write_quaternion(place[bone], mean)
-                    write_quaternion(now[joint], q if size[row, side] == 1.0 else between(mean, q, size[row, side]))
+                    write_quaternion(now[joint], q if hands[row, side] == 1.0 else between(mean, q, hands[row, side]))
+                if talks > 0.0:
+                    withdraw(now, joints[side], offsets[side], talks / reach[side])
             has_shown[row] = True
