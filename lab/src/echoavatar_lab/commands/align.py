@@ -14,7 +14,7 @@ from echoavatar.models.generator import Generator
 from echoavatar.stored import read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab import paper
-from echoavatar_lab.align.compare import as_markdown, compare, draw_run, over_seeds
+from echoavatar_lab.align.compare import as_markdown, compare, over_seeds
 from echoavatar_lab.align.policy import Sampling, soup
 from echoavatar_lab.align.prompts import PromptSampler
 from echoavatar_lab.align.rewards import parse_weights
@@ -241,9 +241,7 @@ def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> st
     given = {name: getattr(args, name) for name in names}
     task = training_task(args.kind, training, ready, command=command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
-    stopped = tune(task, args.output, **how)
-    draw_run(args.output / "metrics.jsonl", args.output / "metrics.png")
-    return _ended(args, stopped)
+    return _ended(args, tune(task, args.output, **how))
 
 
 def _training(args: argparse.Namespace, base: AlignTraining, names: Iterable[str]) -> AlignTraining:
