@@ -1,10 +1,23 @@
-"""A progress bar for work that tells its name and how much of it is done."""
+"""How far long work has come: the work tells what is done and what there is, and a bar shows it."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeVar
 
 from tqdm import tqdm
+
+ItemT = TypeVar("ItemT")
+Progress = Callable[[int, int], None]
+"""Called with what is done and what there is."""
+
+
+def watched(items: Sequence[ItemT], progress: Progress | None) -> Iterator[ItemT]:
+    """The items one after another; `progress` is called after each."""
+    for done, item in enumerate(items, 1):
+        yield item
+        if progress is not None:
+            progress(done, len(items))
 
 
 @contextmanager
