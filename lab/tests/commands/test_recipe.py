@@ -46,7 +46,6 @@ def test_the_command_line_wins_over_the_recipe_and_that_over_the_default(tmp_pat
     settings = options.settings(args)
     assert settings.training == {"losses": {"a": 0, "b": 2}, "batch": 4, "steps": 3000}
     assert settings.model == {}
-    assert options.settings(args, {}).training == {}
 
 
 def test_an_option_has_the_type_the_text_and_the_default_of_its_field(capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,18 +65,18 @@ def test_a_published_encodec_is_taken_by_one_command(tmp_path: Path) -> None:
     assert torch.equal(taken.encode(sound), read_encodec(tmp_path / "theirs").encode(sound))
 
 
-def stage_settings(kind: str, *words: str, base: dict[str, object] | None = None) -> Settings:
+def stage_settings(kind: str, *words: str) -> Settings:
     """The settings of a stage's command."""
     parser = argparse.ArgumentParser()
     train.add_arguments(parser)
     parts = ["--codec", "c", "--tokenizer", "t"] if kind in ("tokens", "generator") else []
     parts += ["--tokenizer", "t"] if kind == "decoder" else []
     args = parser.parse_args([kind, "source", "-o", "out", *parts, *words])
-    return args.options.settings(args, base)
+    return args.options.settings(args)
 
 
 def settings(model: dict[str, object]) -> Settings:
-    return stage_settings("tokenizer", base={"model": {"width": 32, "heads": 2, "lookback": 15} | model})
+    return stage_settings("tokenizer")._replace(model={"width": 32, "heads": 2, "lookback": 15} | model)
 
 
 def test_a_part_can_override_common_sizes() -> None:

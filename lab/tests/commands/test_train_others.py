@@ -73,7 +73,7 @@ def test_a_pretrained_hubert_is_the_ear_and_stays_as_it_is(tmp_path: Path) -> No
 
 def test_a_folder_without_hubert_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("transformers")
-    words = ["train", "face", str(faces(tmp_path / "faces")), "-o", str(tmp_path / "run"), "--paper"]
+    words = ["train", "face", str(faces(tmp_path / "faces")), "-o", str(tmp_path / "run")]
     assert main([*words, "--hubert", str(tmp_path / "none")]) == 1
     assert "neither a folder with a HuBERT model" in capsys.readouterr().err
 

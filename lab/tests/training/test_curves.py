@@ -28,6 +28,13 @@ def test_nested_numbers_are_read_and_a_cut_off_line_is_skipped(tmp_path: Path) -
     assert curves["held_out"].values.tolist() == [2.0]
 
 
+def test_of_held_out_prompts_the_means_are_read(tmp_path: Path) -> None:
+    found = {"reward": [0.5, 0.1], "rewards": {"beats": [0.2, 0.1]}, "by_prompt": [0.4, 0.5, 0.6], "fid": 3.0}
+    (tmp_path / "metrics.jsonl").write_text(json.dumps({"step": 1, "held_out": found}) + "\n")
+    curves = {name: curve.values.tolist() for name, curve in read_curves(tmp_path).items()}
+    assert curves == {"held_out.reward": [0.5], "held_out.rewards.beats": [0.2], "held_out.fid": [3.0]}
+
+
 def test_smoothing_is_a_mean_around_each_value_and_keeps_a_line_straight_inside() -> None:
     """Of 0, 3, 6, 9 over three: the ends see two, so 1.5 and 7.5."""
     assert smoothed(np.array([0.0, 3, 6, 9]), 3).tolist() == [1.5, 3, 6, 7.5]

@@ -26,7 +26,8 @@ from echoavatar_lab.evaluation.metrics.retrieval import (
 )
 from echoavatar_lab.foreign.foreign_files import read_tensors
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, seeded
+from echoavatar_lab.progress import Progress, watched
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 from .audio_encoders import RATE_HZ, SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip, decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
@@ -167,10 +168,8 @@ def decoded_waveforms(
     """Decode each clip's codec tokens to a 16 kHz waveform in half precision, by name; mirrored clips share one."""
     sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
     waves = {}
-    for done, (name, clip) in enumerate(sources.items(), start=1):
+    for name, clip in watched(list(sources.items()), progress):
         waves[name] = decoded_waveform(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
-        if progress is not None:
-            progress(done, len(sources))
     return waves
 
 
@@ -180,10 +179,8 @@ def decoded_features(
 ) -> dict[str, Float[Tensor, "_ c"]]:
     """Decode each clip's motion codes to features in half precision, by name, as continuations are judged."""
     found = {}
-    for done, (name, clip) in enumerate(clips.items(), start=1):
+    for name, clip in watched(list(clips.items()), progress):
         found[name] = tokenizer.decode(torch.from_numpy(clip.motion.astype(np.int64))[None])[0].half()
-        if progress is not None:
-            progress(done, len(clips))
     return found
 
 

@@ -8,7 +8,7 @@ The classifier stays as it is during a run, so a resumed run repeats itself. It 
 to: after some tens of steps fit it again, to the tuned one.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -32,6 +32,7 @@ from echoavatar_lab.evaluation.metrics.liveliness import (
     of_common_height,
 )
 from echoavatar_lab.evaluation.takes import Take
+from echoavatar_lab.progress import Progress
 
 from .decoded_motion import DecodedMotion, decode_continuations
 from .policy import GeneratorPolicy, continuations
@@ -98,7 +99,7 @@ def fit_realism(
     prompts: int = 96,
     group: int = 4,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Realism, Mapping[str, Mapping[str, float]]]:
     """Fit to the last `length` chunks of the policy's continuations of `book`'s prompts and to captured windows.
 

@@ -16,7 +16,8 @@ from echoavatar.stored import read_card
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import Progress, has_state, train
+from echoavatar_lab.progress import Progress
+from echoavatar_lab.training import has_state, train
 from echoavatar_lab.training.metrics_log import FILE, append_metrics, read_metrics
 
 from .audio_reward import AudioMotion

@@ -69,12 +69,7 @@ def offers_of_names(target: Target) -> None:
 def guesses(target: Target) -> None:
     """Guess tokens: over HTTP on one socket, and in the hello of one WebSocket after the other."""
     threading.Thread(target=_guess_in_hello, args=(target,), daemon=True).start()
-    while True:
-        with suppress(OSError, HTTPException):
-            way = _http(target)
-            while True:
-                way.request("GET", "/v1/tools", headers={"authorization": f"Bearer {secrets.token_hex(4)}"})
-                way.getresponse().read()
+    _ask(target, "/v1/tools", lambda: {"authorization": f"Bearer {secrets.token_hex(4)}"})
 
 
 def _guess_in_hello(target: Target) -> None:
@@ -125,16 +120,17 @@ def visitors(target: Target) -> None:
 def requests(target: Target) -> None:
     """Ask for the server's health over eight sockets."""
     for _ in range(7):
-        threading.Thread(target=_ask, args=(target,), daemon=True).start()
-    _ask(target)
+        threading.Thread(target=_ask, args=(target, "/health"), daemon=True).start()
+    _ask(target, "/health")
 
 
-def _ask(target: Target) -> None:
+def _ask(target: Target, path: str, headers: Callable[[], dict[str, str]] = dict) -> None:
+    """Ask again and again on one socket, with new headers each time."""
     while True:
         with suppress(OSError, HTTPException):
             way = _http(target)
             while True:
-                way.request("GET", "/health")
+                way.request("GET", path, headers=headers())
                 way.getresponse().read()
 
 

@@ -3,7 +3,7 @@
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from echoavatar.models.generator import Generator
 from echoavatar.stored import read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab import paper
-from echoavatar_lab.align.compare import as_markdown, compare, draw_run, over_seeds
+from echoavatar_lab.align.compare import as_markdown, compare, over_seeds
 from echoavatar_lab.align.policy import Sampling, soup
 from echoavatar_lab.align.prompts import PromptSampler
 from echoavatar_lab.align.rewards import parse_weights
@@ -23,10 +23,10 @@ from echoavatar_lab.align.target_task import target_task
 from echoavatar_lab.align.trainer import AlignTraining, recipe
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.people import read_people
+from echoavatar_lab.progress import Progress, progress_bar
 
 from . import align_rewards
 from .config_options import add_fields, add_minutes, add_track, command_line, given_fields
-from .progress import progress_bar
 
 EXAMPLES = """examples:
   echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
@@ -227,13 +227,13 @@ def _setup(args: argparse.Namespace) -> AlignmentSetup:
     )
 
 
-def _rollouts(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
+def _rollouts(args: argparse.Namespace, progress: Progress) -> str:
     base = recipe(args.recipe, "dpo").model_copy(update={"group": CANDIDATES})
     training, rest = _training(args, base, (*SIZES, "seed")), {"prompts": args.prompts, "margin": args.margin}
     return f"{make_pairs(_setup(args), args.output, training, **rest, progress=progress)} pairs in {args.output}"
 
 
-def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
+def _train(args: argparse.Namespace, progress: Progress) -> str:
     ready = _setup(args)
     base = recipe(args.recipe, args.kind).model_copy(update={"autocast": args.autocast})
     training = _training(args, base, _settings())
@@ -241,9 +241,7 @@ def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> st
     given = {name: getattr(args, name) for name in names}
     task = training_task(args.kind, training, ready, command=command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
-    stopped = tune(task, args.output, **how)
-    draw_run(args.output / "metrics.jsonl", args.output / "metrics.png")
-    return _ended(args, stopped)
+    return _ended(args, tune(task, args.output, **how))
 
 
 def _training(args: argparse.Namespace, base: AlignTraining, names: Iterable[str]) -> AlignTraining:
@@ -290,7 +288,7 @@ def _soup(args: argparse.Namespace) -> int:
     return 0
 
 
-def _targets(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
+def _targets(args: argparse.Namespace, progress: Progress) -> str:
     """Tune a generator until it keeps time, moves enough, and is taken for a person."""
     training = _training(args, recipe("targets", "grpo"), TARGET_SETTINGS)
     for name, least, why in (("past", 5, "the decoder's memory"), ("length", 28, "as `novelty` compares seconds")):

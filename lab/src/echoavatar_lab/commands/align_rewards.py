@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
@@ -40,10 +39,10 @@ from echoavatar_lab.align.realism import fit_realism
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.people import read_people
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.progress import Progress, progress_bar
 from echoavatar_lab.training import train
 
 from .config_options import add_fields, command_line, given_fields
-from .progress import progress_bar
 
 PAPER_WORDS = (
     "width 512, 8 heads, 20,000 steps; quality: dual-path resampling, no differences; alignment: the whole clip, rate"
@@ -126,7 +125,6 @@ def chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 Clips = dict[str, TokenClip]
-Progress = Callable[[int, int], None]
 
 
 def _calibrate(

@@ -10,9 +10,9 @@ from tqdm import tqdm
 
 from echoavatar.cli.options import seed
 from echoavatar.whole_file import make_output_folder
+from echoavatar_lab.progress import progress_bar
 
 from . import data_capture, data_face, data_prepare, data_rl_corpus
-from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar.motion.kinematics import Motion, Skeleton

@@ -9,8 +9,7 @@ from tqdm import tqdm
 from echoavatar.cli.batch import Batch
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
-
-from .progress import progress_bar
+from echoavatar_lab.progress import progress_bar
 
 VIDEOS = (".mov", ".mp4")  # with the sound in them
 

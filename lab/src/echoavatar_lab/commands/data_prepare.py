@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from echoavatar.cli.options import MAP_HELP
 from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.progress import progress_bar
 
 from .config_options import add_fields, given_fields
-from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar_lab.datasets import Outcome, SetOptions, Survey

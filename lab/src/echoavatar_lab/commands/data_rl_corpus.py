@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
-
-from .progress import progress_bar
+from echoavatar_lab.progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar_lab.datasets.rl_corpus import Kind, RlCorpusResult

@@ -31,9 +31,8 @@ from echoavatar_lab.evaluation.takes import Sound, Take, perform, read_sounds
 from echoavatar_lab.evaluation.test_split import claim_test
 from echoavatar_lab.models.audio.recordings import MANIFEST, decoded, recorded_files
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
+from echoavatar_lab.progress import progress_bar
 from echoavatar_lab.tables.run import commit
-
-from .progress import progress_bar
 
 TURNS = ("yaw", "pitch")
 Numbers = Mapping[str, object]

@@ -58,11 +58,9 @@ class Options:
         action = add_field(self._parser, flag, self._configs[section], name, default=default)
         self._fields[action.dest] = section, name
 
-    def settings(self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None) -> "Settings":
-        """Merge the settings; priority: command line, recipe, `base` (by default the options' own)."""
-        values: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
-        for section, found in (self._base if base is None else base).items():
-            values[section] = copy.deepcopy(dict(found))
+    def settings(self, args: argparse.Namespace) -> "Settings":
+        """Merge the settings; priority: command line, recipe, defaults."""
+        values = copy.deepcopy(self._base)
         recipe = read_recipe(args.recipe) if args.recipe else {}
         if PAPER in recipe:
             values = {section: {} for section in SECTIONS}

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.progress import progress_bar
 
 from .config_options import add_track
-from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar_lab.tables.experiment import Experiment

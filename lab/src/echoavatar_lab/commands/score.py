@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 
 from echoavatar.cli.options import DEVICE_HELP, RUNTIME_HELP, seed
 from echoavatar.errors import EchoAvatarError
-
-from .progress import progress_bar
+from echoavatar_lab.progress import Progress, progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from echoavatar_lab.evaluation.measures import Extractor
     from echoavatar_lab.evaluation.motion_folder import ReadOptions
     from echoavatar_lab.evaluation.table import Row
@@ -128,7 +125,7 @@ def _motion_rows(args: argparse.Namespace) -> "list[Row]":
         return rows + ([semantic_row(pairs, args.semantic, seed=args.seed)] if args.semantic else [])
 
 
-def _make(args: argparse.Namespace, how: "ReadOptions", progress: "Callable[[int, int], None]") -> None:
+def _make(args: argparse.Namespace, how: "ReadOptions", progress: Progress) -> None:
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar_lab.evaluation.motion_folder import make_motion
 

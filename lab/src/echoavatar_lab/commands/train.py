@@ -2,13 +2,13 @@
 
 import argparse
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.progress import Progress
 
 from . import train_body, train_others
 from .config_options import add_minutes, add_track, command_line
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _how(args: argparse.Namespace, progress: Callable[[int, int], None]) -> dict[str, Any]:
+def _how(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Device, trackers, minutes and progress, as far as the stage takes them."""
     if args.kind == "tokens":
         return {"progress": progress}

@@ -13,7 +13,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.models.face import FaceConfig, FaceModel
 from echoavatar.models.fingers import FingerConfig, FingerModel
 from echoavatar.models.fingers.clips import FingerClip, finger_clip
 from echoavatar.motion.formats import read_bvh
@@ -29,7 +29,7 @@ from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
     explained_variance,
 )
 from echoavatar_lab.models.face.clip import load_clips
-from echoavatar_lab.models.face.train import FaceTask, FaceTraining, paper_face
+from echoavatar_lab.models.face.train import FaceTask, FaceTraining
 from echoavatar_lab.models.fingers import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert
 from echoavatar_lab.training import train
@@ -46,16 +46,13 @@ def _add_face(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FOLDER",
         help="pretrained HuBERT (transformers' config.json and weights) as the encoder, kept as it is; the paper's is "
-        "multilingual, with 768 channels. Goes with --recipe lab/recipes/paper/face.yaml or --paper",
+        "multilingual, with 768 channels. Goes with --recipe lab/recipes/paper/face.yaml",
     )
-    parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
 
 
 def _train_face(given: Given) -> None:
     """Train on the face clips."""
     args, settings = given.args, given.settings
-    if args.paper:
-        settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})
     encoder = read_hubert(args.hubert) if args.hubert else None
     if encoder is not None:
         settings.model["encoder"] = encoder.config.model_dump()

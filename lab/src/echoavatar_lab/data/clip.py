@@ -36,27 +36,17 @@ _LABEL = "label."
 
 @dataclass(frozen=True)
 class Clip:
-    """Sound and motion of equal length. Arrays are not copied and must not be written to.
+    """Sound and motion of equal length. Arrays are not copied and must not be written to."""
 
-    Attributes:
-        name: file-safe name, unique in its corpus.
-        audio: (800 t,) float32 mono at 24 kHz.
-        rotations: (t, j, 4) float32 parent-relative unit quaternions `wxyz`, joints of `HUMANOID`.
-        root: (t, 3) float32 world position of the hips, metres.
-        domain: (t,) uint8 per frame, an index into `DOMAINS`.
-        events: sorted times in seconds by kind: "beats", "downbeats", "stress".
-        split: "train", "val" or "test".
-        labels: facts about the sound as text by kind, such as the speaker.
-    """
-
-    name: str
-    audio: NDArray[np.float32]
-    rotations: NDArray[np.float32]
-    root: NDArray[np.float32]
-    domain: NDArray[np.uint8]
+    name: str  # file-safe name, unique in its corpus
+    audio: NDArray[np.float32]  # (800 t,) float32 mono at 24 kHz
+    rotations: NDArray[np.float32]  # (t, j, 4) float32 parent-relative unit quaternions `wxyz`, joints of `HUMANOID`
+    root: NDArray[np.float32]  # (t, 3) float32 world position of the hips, metres
+    domain: NDArray[np.uint8]  # (t,) uint8 per frame, an index into `DOMAINS`
+    # Sorted times in seconds by kind: "beats", "downbeats", "stress".
     events: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
-    split: str = "train"
-    labels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    split: str = "train"  # "train", "val" or "test"
+    labels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))  # of the sound, such as speaker
 
     def __post_init__(self) -> None:
         """Raises MotionError for shapes that do not fit, values that are not finite, or an unknown split."""

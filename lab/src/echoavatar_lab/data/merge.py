@@ -7,7 +7,7 @@ the parts with their terms of use; the terms of all parts apply together.
 
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,12 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import make_output_folder
+from echoavatar_lab.progress import Progress, watched
 
 from .clip import open_clip
 from .corpus import MIRROR, ClipEntry, Corpus, Manifest, ShardEntry, can_mirror, save_manifest, shard_path, write_shard
 
 SHARD_FRAMES = 20 * 60 * FRAME_RATE_HZ
-Progress = Callable[[int, int], None]
 
 
 def merge(folders: Sequence[Path], folder: Path, *, progress: Progress | None = None) -> Corpus:
@@ -37,12 +37,10 @@ def merge(folders: Sequence[Path], folder: Path, *, progress: Progress | None = 
         raise MotionError(f"{folder} holds something already; choose another -o, or delete it")
     clips: list[ClipEntry] = []
     shards: list[ShardEntry] = []
-    for done, part in enumerate(parts, 1):
+    for part in watched(parts, progress):
         added, written = _packed(part, folder, len(shards))
         shards += written
         clips += added
-        if progress:
-            progress(done, len(parts))
     skeletons = parts[0].manifest.skeletons
     names = tuple(sorted(clips, key=lambda entry: entry.name))
     make_output_folder(folder)

@@ -6,7 +6,7 @@ compared as sets: by a Fréchet distance and by how often a classifier tells our
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet
+from echoavatar_lab.progress import Progress, watched
 from echoavatar_lab.training.curves import save_figure
 
 from .metrics.distributions import frechet_distance, held_out_accuracy, parts, scaled_by_truth
@@ -77,12 +78,7 @@ class AliveReport:
 
 
 def performance(
-    pipeline: Pipeline,
-    sounds: Sequence[Sound],
-    seconds: float,
-    *,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    pipeline: Pipeline, sounds: Sequence[Sound], seconds: float, *, seed: int = 0, progress: Progress | None = None
 ) -> list[Take]:
     """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech.
 
@@ -123,22 +119,13 @@ def report(
     captured: Sequence[Take],
     seconds: float,
     *,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> AliveReport:
     """Measure all takes of one or more performances and compare each with captured motion, kind by kind."""
-    done = itertools.count(1)
-    total = sum(map(len, performances)) + len(captured)
-
-    def measured(takes: Sequence[Take]) -> list[Measured]:
-        found = []
-        for take in takes:
-            found.append(measure(take, seconds))
-            if progress:
-                progress(next(done), total)
-        return found
-
-    made = [measured(takes) for takes in performances]
-    found = AliveReport(list(itertools.chain(*made)), measured(captured))
+    takes = watched([*itertools.chain(*performances), *captured], progress)
+    measured = (measure(take, seconds) for take in takes)
+    made = [list(itertools.islice(measured, len(own))) for own in performances]
+    found = AliveReport(list(itertools.chain(*made)), list(measured))
     for kind in KINDS:
         each = [[one for one in takes if one.take.kind == kind] for takes in made]
         ours = list(itertools.chain(*each))

@@ -1,7 +1,7 @@
 """Many sounds animated in one batch."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from echoavatar.errors import AudioError
 from echoavatar.motion.motion_chunk import join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.progress import Progress
 
 
 def animate_many(
@@ -21,7 +22,7 @@ def animate_many(
     *,
     seeds: Sequence[int],
     options: MotionOptions = FREE,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[AnimatedSound]:
     """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
 

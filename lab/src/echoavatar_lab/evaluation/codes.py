@@ -13,7 +13,7 @@ its own past. In speech the same stages show where hands lose how people share t
 (`metrics.tells.SHARING`). Not in the paper, which reports errors of reconstruction alone.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -40,6 +40,7 @@ from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, motion_codes, motion_of_codes
 from echoavatar_lab.models.tokenizer.measure import code_usage
 from echoavatar_lab.models.tokenizer.train import whole_features
+from echoavatar_lab.progress import Progress, watched
 
 from .batch import animate_many
 from .beat_rows import event_rows
@@ -153,7 +154,7 @@ def true_codes(
     *,
     tokenizer: BodyTokenizer | None = None,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, dict[str, float]]:
     """Excess of beat alignment over chance on stresses and beats, jerk (m/s3) and turn in dance, of several motions.
 
@@ -168,18 +169,16 @@ def true_codes(
     tracks: dict[str, list[Track]] = {
         name: [] for name in (TRUTH, DECODED, SHOWN, *(() if others else (DRAWN, PERFORMED)))
     }
-    for done, clip in enumerate(clips, 1):
+    for number, clip in enumerate(watched(clips, progress), 1):
         decoded = motion_of_codes(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None])[0])
         motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: replayed(post, decoded)}
         if not others:
             [tokens] = token_clips(bundle, [clip])
-            motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + done))
-            [made] = animate_many(pipeline, [clip.audio], seeds=[seed + done])
+            motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + number))
+            [made] = animate_many(pipeline, [clip.audio], seeds=[seed + number])
             motions[PERFORMED] = made.motion
         for name, motion in motions.items():
             tracks[name].append(track(on_our_rig(motion), clip.domain[: motion.frames]))
-        if progress:
-            progress(done, len(clips))
     found = {"tokenizer": {row.name: row.value for row in reconstruction_rows(tokenizer, clips)}}
     for name, own in tracks.items():
         rows = {row.name: row for row in event_rows(clips, own, tracks[TRUTH])}

@@ -3,7 +3,7 @@
 The same voices with the same seeds, once for each setting of `liveliness`, and then of `handedness`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.progress import Progress, watched
 
 from .jury import Verdict, verdicts
 from .metrics.liveliness import SPEECH, body_points, hand_paths, liveliness, path_speed
@@ -41,7 +42,7 @@ def turn_dials(
     seconds: float,
     *,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Setting]:
     """Each dial at each of `SETTINGS`; `progress` receives the settings done and in all.
 
@@ -56,11 +57,9 @@ def turn_dials(
     told = [MotionOptions(liveliness=value) for value in SETTINGS]
     told += [MotionOptions(handedness=value) for value in SETTINGS]
     found = []
-    for number, options in enumerate(told, 1):
+    for options in watched(told, progress):
         takes = perform(pipeline, voices, seed=seed, options=options)
         found.append(_setting(options, takes, captured, seconds))
-        if progress:
-            progress(number, len(told))
     return found
 
 

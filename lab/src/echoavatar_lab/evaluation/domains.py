@@ -8,7 +8,7 @@ measured on performers who did not choose them (`held_out`).
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter1d
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion
+from echoavatar_lab.progress import Progress, watched
 
 from . import takes
 from .metrics.liveliness import MUSIC, SPEECH, body_points, foot_paths, hand_paths, path_speed
@@ -128,22 +129,20 @@ def voice(row: dict[str, str]) -> str:
     return f"{'male' if sex[1] in ('M', 'm') else 'female'}, {manner}" if sex else f"sex not told, {manner}"
 
 
-def read_people(folder: Path, *, progress: Callable[[int, int], None] | None = None) -> list[Person]:
+def read_people(folder: Path, *, progress: Progress | None = None) -> list[Person]:
     """Captured takes of at least 2 s whose path says what they are: "dance", "idle", "talk", "speech", "gesture".
 
     A performer is what a file's name says before the first underscore. Raises EchoAvatarError if there are no dancers,
     nobody who talks, or nobody who waits; or a file cannot be read.
     """
     found, paths = [], told_by_path(folder, _WORDS)
-    for done, (path, _, kind) in enumerate(paths, 1):
+    for path, _, kind in watched(paths, progress):
         if kind and (motion := read_bvh(path)).seconds >= AROUND_S:
             performer = f"{path.parent.name}/{path.stem.partition('_')[0]}"
             try:
                 found.append(Person(performer, kind, pace(motion), motion.seconds))
             except MotionError as error:
                 raise MotionError(f"{path}: {error}") from error
-        if progress is not None:
-            progress(done, len(paths))
     if missing := [kind for kind in (WAITING, TALKING, DANCING) if all(one.kind != kind for one in found)]:
         raise EchoAvatarError(
             f"{folder} holds nobody {' and nobody '.join(missing)} (.bvh of 2 s and more, with 'dance', 'idle' or"

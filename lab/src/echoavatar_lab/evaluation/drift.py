@@ -6,8 +6,7 @@ of endless motion show such curves, each with rows of its own; no definition is 
 are paired by sound, and their intervals are over sounds.
 """
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy import stats
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.progress import Progress, watched
 
 from .alive import Statistics, measure
 from .jury import NAMES, tells_of_windows
@@ -62,18 +62,16 @@ def drifts(
     seconds: float,
     *,
     minute_s: float = MINUTE_S,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, list[Drift]]:
     """The rows by kind of sound, those that change most surely first; windows are `seconds` long.
 
     Takes of the same name (performances with other seeds) count as one sound.
     """
-    done, pairs = itertools.count(1), dict[tuple[str, str], list[tuple[Statistics, Statistics]]]()
-    for take in takes:
+    pairs: dict[tuple[str, str], list[tuple[Statistics, Statistics]]] = {}
+    for take in watched(takes, progress):
         sides = tuple(_rows(minute(take, number, minute_s), seconds) for number in between)
         pairs.setdefault((take.kind, take.name), []).append((sides[0], sides[1]))
-        if progress:
-            progress(next(done), len(takes))
     found = {}
     for kind in dict.fromkeys(kind for kind, _ in pairs):
         own = [several for (of, _), several in pairs.items() if of == kind]

@@ -11,7 +11,7 @@ Not in the paper, which shows faces but does not measure them.
 - `envelope_pearson`: correlation of the opening with the loudness of recorded speech, which has no truth.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack
 from echoavatar_lab.corpora.speech.lips import lip_curves
+from echoavatar_lab.progress import Progress, watched
 
 from .metrics.face_errors import errors_on_mesh
 
@@ -59,7 +60,7 @@ def evaluate_face(
     recordings: Sequence[Float[np.ndarray, " _"]] = (),
     *,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> FaceScores:
     """Animate the face to tracks with known phones and to recordings (24 kHz), and measure it.
 
@@ -67,20 +68,18 @@ def evaluate_face(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream, total = FaceStream(bundle.face), len(tracks) + len(recordings)
+    stream = FaceStream(bundle.face)
     made, truths, envelopes, errors = [], [], [], []
-    for number, track in enumerate(tracks):
-        true = lip_curves(track, ARKIT_NAMES)
-        own = animate_face(stream, track.audio, seed=seed)[: len(true)]
-        truths.append(opening(true))
-        made.append(opening(own))
-        errors.append(errors_on_mesh(own, true))
-        if progress:
-            progress(number + 1, total)
-    for number, audio in enumerate(recordings, len(tracks)):
-        envelopes.append(_envelope_pearson(opening(animate_face(stream, audio, seed=seed)), audio))
-        if progress:
-            progress(number + 1, total)
+    heard: list[SoundTrack | np.ndarray] = [*tracks, *recordings]
+    for one in watched(heard, progress):
+        if isinstance(one, SoundTrack):
+            true = lip_curves(one, ARKIT_NAMES)
+            own = animate_face(stream, one.audio, seed=seed)[: len(true)]
+            truths.append(opening(true))
+            made.append(opening(own))
+            errors.append(errors_on_mesh(own, true))
+        else:
+            envelopes.append(_envelope_pearson(opening(animate_face(stream, one, seed=seed)), one))
     spoken = [_spoken(track, len(truth)) for track, truth in zip(tracks, truths, strict=True)]
     still = [_silent(track, len(truth)) for track, truth in zip(tracks, truths, strict=True)]
     pearsons = [_shifted_pearson(made, truths, spoken, lag) for lag in range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)]

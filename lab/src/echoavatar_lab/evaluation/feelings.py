@@ -5,9 +5,8 @@ speaker is then read by the faces of all the others: as the feeling whose mean f
 deviation. Chance is a quarter. A voice whose own curves did not differ would be read by chance.
 """
 
-import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +23,9 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import Expression
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import MANIFEST
+from echoavatar_lab.progress import Progress, watched
 
 from .faces import animate_face
 
@@ -72,8 +73,7 @@ def acted_speech(folder: Path) -> list[ActedSpeech]:
     """
     rows: dict[Path, dict[str, str]] = {}
     for manifest in folder.rglob(MANIFEST):
-        with manifest.open(encoding="utf-8", newline="") as lines:
-            rows |= {manifest.parent / row["path"]: row for row in csv.DictReader(lines) if row.get("path")}
+        rows |= {manifest.parent / row["path"]: row for row in read_rows(manifest) if row.get("path")}
     found = []
     for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES):
         row = rows.get(path, {})
@@ -91,7 +91,7 @@ def acted_speech(folder: Path) -> list[ActedSpeech]:
 
 
 def read_feelings(
-    bundle: Bundle, speech: Sequence[ActedSpeech], *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+    bundle: Bundle, speech: Sequence[ActedSpeech], *, seed: int = 0, progress: Progress | None = None
 ) -> dict[str, Reading]:
     """What is read in the bundle's faces, by split.
 
@@ -101,10 +101,8 @@ def read_feelings(
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
     stream, rows = FaceStream(bundle.face), []
-    for number, each in enumerate(speech):
+    for each in watched(speech, progress):
         rows.append(mean_face(stream, read_audio(each.path), seed=seed))
-        if progress:
-            progress(number + 1, len(speech))
     faces, felt = np.array(rows), np.array([each.feeling for each in speech])
     speakers, splits = (np.array([each[at] for each in speech]) for at in (2, 3))
     guessed = np.zeros(len(felt), int)

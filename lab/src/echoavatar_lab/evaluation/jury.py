@@ -8,7 +8,7 @@ inside.
 
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import DOMAINS
+from echoavatar_lab.progress import Progress, watched
 
 from .measures import stretches
 from .metrics.liveliness import MUSIC, SPEECH, windows
@@ -73,26 +74,21 @@ def read_moving(place: Path, most: int) -> list[Take]:
 
 
 def verdicts(
-    ours: Sequence[Take], people: Sequence[Take], seconds: float, *, progress: Callable[[int, int], None] | None = None
+    ours: Sequence[Take], people: Sequence[Take], seconds: float, *, progress: Progress | None = None
 ) -> dict[str, list[Verdict]]:
     """The rows of speech and of music, as far as ours has them, the furthest outside first.
 
     Ours are means over windows of `seconds` and performances, with intervals over clips (by name and class). Raises
     MotionError if a rig is not known, or a take is shorter than a second; names the take.
     """
-    done, total = itertools.count(1), sum(take.kind in (SPEECH, MUSIC) for take in (*ours, *people))
-
-    def by_clip(takes: Sequence[Take]) -> list[list[dict[str, float]]]:
-        clips: dict[tuple[str, str], list[dict[str, float]]] = defaultdict(list)
-        for take in takes:
-            clips[take.name, take.group] += tells_of_windows(take, seconds)
-            if progress:
-                progress(next(done), total)
-        return list(clips.values())
-
+    clips: dict[tuple[str, bool], dict[tuple[str, str], list[dict[str, float]]]]
+    clips = {(kind, is_ours): defaultdict(list) for kind in (SPEECH, MUSIC) for is_ours in (True, False)}
+    takes = [(take, is_ours) for side, is_ours in ((ours, True), (people, False)) for take in side]
+    for take, is_ours in watched([one for one in takes if one[0].kind in (SPEECH, MUSIC)], progress):
+        clips[take.kind, is_ours][take.name, take.group] += tells_of_windows(take, seconds)
     found = {}
     for kind in (SPEECH, MUSIC):
-        own, theirs = (by_clip([take for take in side if take.kind == kind]) for side in (ours, people))
+        own, theirs = (list(clips[kind, is_ours].values()) for is_ours in (True, False))
         if own:
             rows = [_verdict(name, own, theirs) for name in NAMES]
             found[kind] = sorted(rows, key=lambda row: -np.nan_to_num(row.outside, nan=-1))

@@ -10,7 +10,7 @@ folder is never mixed: with other values it is refused. `score` prints the note 
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +35,7 @@ from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.progress import Progress, watched
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
 NOTE = "made.json"
@@ -65,23 +66,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How folders are read.
+    """How folders are read."""
 
-    Attributes:
-        audio: folder of audio files; None: from the motion's own files, or next to them.
-        needs_audio: a clip without audio is an error; False ignores audio altogether.
-        kind: domain of audio without labels, SPEECH or MUSIC; None: music if the path says so, else speech.
-        is_common: score only the clips that both folders have.
-        is_resampling: convert motion of other rates to 30 fps instead of refusing it.
-        split: which clips of a set are taken; None: all of them.
-    """
-
-    audio: Path | None = None
-    needs_audio: bool = True
-    kind: int | None = None
-    is_common: bool = False
-    is_resampling: bool = False
-    split: str | None = "test"
+    audio: Path | None = None  # folder of audio files; None: from the motion's own files, or next to them
+    needs_audio: bool = True  # a clip without audio is an error; False ignores audio altogether
+    kind: int | None = None  # of audio without labels, SPEECH or MUSIC; None: music if the path says so, else speech
+    is_common: bool = False  # score only the clips that both folders have
+    is_resampling: bool = False  # convert motion of other rates to 30 fps instead of refusing it
+    split: str | None = "test"  # which clips of a set are taken; None: all of them
 
 
 @dataclass(frozen=True)
@@ -102,9 +94,7 @@ class Source:
         return MotionFile(motion, clip.audio if has_sound else None, clip.domain if has_sound else None)
 
 
-def read_pairs(
-    made: Path, true: Path, how: ReadOptions, *, progress: Callable[[int, int], None] | None = None
-) -> list[Pair]:
+def read_pairs(made: Path, true: Path, how: ReadOptions, *, progress: Progress | None = None) -> list[Pair]:
     """Every clip that both folders have.
 
     Raises:
@@ -118,12 +108,7 @@ def read_pairs(
     if not names:
         raise MotionError(f"{made} and {true} have no file name in common; name generated clips like the true ones")
     sounds = _audio_files(how.audio) if how.audio else {}
-    pairs = []
-    for done, name in enumerate(names, 1):
-        pairs.append(_pair(name, ours[name], theirs[name], sounds, how))
-        if progress is not None:
-            progress(done, len(names))
-    return pairs
+    return [_pair(name, ours[name], theirs[name], sounds, how) for name in watched(names, progress)]
 
 
 def sound_of(name: str, source: Source, how: ReadOptions) -> Float[np.ndarray, " s"]:
@@ -296,7 +281,7 @@ def make_motion(
     how: ReadOptions,
     *,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Write `NAME.npz` (our rig or the bundle's, 30 fps) for each true clip's sound; return how many were new.
 

@@ -7,7 +7,7 @@ own, `people.csv` in their folder. `echoavatar evaluate BUNDLE people --captured
 and writes the numbers into a card; the default bundle's card has those of ours, for whoever has no clips.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import sound_named
 from echoavatar.motion.formats import read_bvh
 from echoavatar_lab.foreign.csv_rows import read_rows
+from echoavatar_lab.progress import Progress, watched
 
 from .metrics.liveliness import LISTENING, MUSIC, SILENCE, SPEECH, STATISTICS, body_points, liveliness, windows
 from .table import Interval, mean_interval, rounded
@@ -90,7 +91,7 @@ def read_people(folder: Path, *, for_training: bool = False) -> list[Take]:
 
 
 def measured(
-    takes: Sequence[Take], seconds: float = WINDOW_S, *, progress: Callable[[int, int], None] | None = None
+    takes: Sequence[Take], seconds: float = WINDOW_S, *, progress: Progress | None = None
 ) -> dict[str, dict[str, list[dict[str, float]]]]:
     """The statistics of every window of `seconds`, by kind and person; a shorter clip is one window.
 
@@ -98,12 +99,10 @@ def measured(
         MotionError: a rig is not known; names the clip.
     """
     found: dict[str, dict[str, list[dict[str, float]]]] = {}
-    for done, take in enumerate(takes, 1):
+    for take in watched(takes, progress):
         points = points_of(take, body_points)
         rows = [liveliness(part, take.motion.fps) for part in windows(points, take.motion.fps, seconds)]
         found.setdefault(take.kind, {}).setdefault(take.group, []).extend(rows)
-        if progress:
-            progress(done, len(takes))
     return found
 
 

@@ -21,6 +21,7 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, ChunkSize
 from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH, Clip
 from echoavatar_lab.evaluation.batch import animate_many
+from echoavatar_lab.progress import Progress, watched
 
 from .beat_rows import ClipAudio, alignment_row, at_rate, dance_rows, event_rows, gesture_rows
 from .codes import error_rows, reconstruction_rows, reliance, reliance_rows, token_clips
@@ -54,7 +55,6 @@ FID_SAMPLES = 300
 MIN_FRAMES = 8
 SEED_STRIDE = 100  # difference between the seeds of two performances
 SHOWN_KS = (1, 5, 10)
-Progress = Callable[[int, int], None]
 Features = Float[np.ndarray, "n d"]
 
 
@@ -71,13 +71,11 @@ def score(
     if not pairs:
         raise MotionError("there is no clip to score; give folders with motion")
     made, true = [], []
-    for done, pair in enumerate(pairs, 1):
+    for pair in watched(pairs, progress):
         if pair.made.frames < MIN_FRAMES:
             raise MotionError(f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out")
         made.append(measure_clip(pair.made, extractor))
         true.append(measure_clip(pair.true, extractor))
-        if progress is not None:
-            progress(done, len(pairs))
     latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
     rows = [fid_row(*latents, seed=seed)] if extractor else []
     if all(pair.audio is not None for pair in pairs):

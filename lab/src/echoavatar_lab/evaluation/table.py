@@ -81,29 +81,17 @@ def _between(values: Float[np.ndarray, " n"]) -> Interval:
 
 
 class Row(NamedTuple):
-    """One metric.
+    """One metric."""
 
-    Attributes:
-        name: as in docs/metrics.md.
-        unit: of the values; empty for a pure number.
-        value: score of the generated motion.
-        interval: its 95 % interval over clips.
-        chance: score of motion with other clips' audio (or of guessing); NaN if there is no such thing.
-        excess: value - chance, paired clip by clip.
-        excess_interval: the 95 % interval of the excess.
-        truth: score of the true motion; for FID, one half of the truth against the other.
-        truth_chance: the true motion's own chance level.
-    """
-
-    name: str
-    unit: str
-    value: float
-    interval: Interval = UNKNOWN
-    chance: float = NAN
-    excess: float = NAN
-    excess_interval: Interval = UNKNOWN
-    truth: float = NAN
-    truth_chance: float = NAN
+    name: str  # as in docs/metrics.md
+    unit: str  # of the values; empty for a pure number
+    value: float  # score of the generated motion
+    interval: Interval = UNKNOWN  # its 95 % interval over clips
+    chance: float = NAN  # score of motion with other clips' audio (or of guessing); NaN if there is no such thing
+    excess: float = NAN  # value - chance, paired clip by clip
+    excess_interval: Interval = UNKNOWN  # the 95 % interval of the excess
+    truth: float = NAN  # score of the true motion; for FID, one half of the truth against the other
+    truth_chance: float = NAN  # the true motion's own chance level
 
 
 def row_of_means(

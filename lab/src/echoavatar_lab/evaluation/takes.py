@@ -21,6 +21,7 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import refuse_shared, split_of
+from echoavatar_lab.progress import Progress
 
 from .metrics.liveliness import MUSIC, ROOM_S, SPEECH, Points
 from .metrics.tells import judged_points
@@ -94,7 +95,7 @@ def perform(
     *,
     seed: int = 0,
     options: MotionOptions = FREE,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Take]:
     """The avatar's motion to the sounds, each with a seed of its own; `progress` receives chunks done and in all."""
     seeds = range(seed, seed + len(sounds))

@@ -12,7 +12,7 @@ motion. Here the generator that is to be tuned makes it, as in a live session. S
 they are not used for reference statistics, reward models or generators.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
@@ -47,6 +47,7 @@ from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.quantize import steady_codes
 from echoavatar_lab.models.tokenizer.train import whole_features
+from echoavatar_lab.progress import Progress, watched
 
 CUE_FRAMES = 3
 LEAD_CHUNKS = 6
@@ -70,7 +71,7 @@ def tokenize_corpus(
     patience: float = 0.0,
     is_leveled: bool = True,
     dancer: Generator | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
 
@@ -89,7 +90,7 @@ def tokenize_corpus(
             f" {tokenizer.skeleton.joints}; train a tokenizer on this set, or prepare it with --rig unified"
         )
     with hold_folder(folder):
-        for done, name in enumerate(names, start=1):
+        for name in watched(names, progress):
             targets = [(name, False)] + ([(f"{name}.mirror", True)] if is_mirrored_too else [])
             if not all((folder / f"{target}.npz").exists() for target, _ in targets):
                 clip = corpus.load(name)
@@ -108,8 +109,6 @@ def tokenize_corpus(
                     (whole if dancer is None else whole.cut(0, 0)).save(
                         folder / f"{target}.npz"
                     )  # the last: it is done
-            if progress:
-                progress(done, len(names))
         return len(list(folder.glob("*.npz")))
 
 
@@ -234,7 +233,7 @@ def tokenize_sounds(
     *,
     seed: int = 0,
     has_past: bool = True,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Write a token file for each sound and return the number of sounds; existing files are kept.
 
@@ -242,12 +241,10 @@ def tokenize_sounds(
     AudioError if a sound's file is missing or damaged.
     """
     with hold_folder(folder):
-        for done, sound in enumerate(sounds.sounds, start=1):
+        for sound in watched(sounds.sounds, progress):
             path = folder / f"{sound.name}.npz"
             if not path.exists():
                 _clip(sounds, sound, codec, generator, seed if has_past else None).save(path)
-            if progress:
-                progress(done, len(sounds.sounds))
         return len(sounds.sounds)
 
 

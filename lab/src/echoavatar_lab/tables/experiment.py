@@ -34,7 +34,8 @@ from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.train import TokenizerTraining, as_one_part, body_config
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.paper import TOKENS
-from echoavatar_lab.training import Progress, train
+from echoavatar_lab.progress import Progress
+from echoavatar_lab.training import train
 
 from .baselines import BASELINES, Baselines
 from .generate import Sounds, foreign_motion, live_motion
@@ -73,29 +74,17 @@ EXTRA_CHUNKS = 6  # chunks by which training windows exceed what a position sees
 
 @dataclass(frozen=True)
 class Sources:
-    """Parts that the user gives; what is None is made or taken from the default bundle.
+    """Parts that the user gives; what is None is made or taken from the default bundle."""
 
-    Attributes:
-        corpus: prepared set; None: make a rehearsal corpus.
-        codec: trained audio codec; None: the one of the default bundle.
-        extractor: trained FID extractor; None: the shipped one.
-        qwen: Qwen2.5-0.5B-Instruct, the initial weights of generators; None: random weights.
-        others: folders of motion that other systems made for the test clips, by the systems' names.
-        is_resampling: take their motion at other rates than 30 fps, too.
-        model: bundle whose latency is measured; None: the default bundle, at scale `paper` the paper's sizes.
-        beats: published BEATs, which the alignment reward hears with; None: a small one that learns along.
-        sounds: corpus of sounds for tuning (`data rl-corpus`); None: one is made.
-    """
-
-    corpus: Path | None = None
-    codec: Path | None = None
-    extractor: Path | None = None
-    qwen: Path | None = None
-    others: Mapping[str, Path] = field(default_factory=dict)
-    is_resampling: bool = False
-    model: str | None = None
-    beats: Path | None = None
-    sounds: Path | None = None
+    corpus: Path | None = None  # prepared set; None: make a rehearsal corpus
+    codec: Path | None = None  # trained audio codec; None: the one of the default bundle
+    extractor: Path | None = None  # trained FID extractor; None: the shipped one
+    qwen: Path | None = None  # Qwen2.5-0.5B-Instruct, the initial weights of generators; None: random weights
+    others: Mapping[str, Path] = field(default_factory=dict)  # other systems' motion for the test clips, by name
+    is_resampling: bool = False  # take their motion at other rates than 30 fps, too
+    model: str | None = None  # its latency is measured; None: the default bundle, at scale `paper` the paper's sizes
+    beats: Path | None = None  # published BEATs, the alignment reward's ears; None: a small one that learns along
+    sounds: Path | None = None  # corpus of sounds for tuning (`data rl-corpus`); None: one is made
 
 
 def quiet(line: str) -> None:

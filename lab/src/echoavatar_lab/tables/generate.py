@@ -27,7 +27,7 @@ from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.motion_folder import motion_files, read_motion_file
 from echoavatar_lab.models.tokenize import audio_codes, motion_of_codes
-from echoavatar_lab.training import Progress
+from echoavatar_lab.progress import Progress, watched
 
 Sounds = Mapping[int, Float[np.ndarray, " s"]]
 """Sounds (24 kHz), by the seed of the sampling noise."""
@@ -81,11 +81,9 @@ def decoded_motion(
     active = torch.ones(count, dtype=torch.bool, device=device)
     made = stream.step(heard.to(device), stream.init_state(count), active, seeds=seeds.to(device))  # type: ignore[arg-type]
     motions = []
-    for number, (sound, drawn) in enumerate(zip(sounds.values(), made.cpu(), strict=True), 1):
+    for sound, drawn in watched(list(zip(sounds.values(), made.cpu(), strict=True)), progress):
         frames = len(sound) // SAMPLES_PER_FRAME
         motions.append(motion_of_codes(tokenizer, drawn).cut(0, frames))
-        if progress:
-            progress(number, count)
     return motions
 
 

@@ -154,19 +154,12 @@ SCALES: dict[str, Scale] = {scale.name: scale for scale in (TINY, REHEARSAL, PAP
 
 @dataclass(frozen=True)
 class TokenizerChoice:
-    """A tokenizer.
+    """A tokenizer."""
 
-    Attributes:
-        name: the name of its folder.
-        sizes: fields of `MotionTokenizerConfig` that differ.
-        losses: weights of the training losses; by default the paper's.
-        is_whole: the whole body is one part.
-    """
-
-    name: str
-    sizes: Mapping[str, object] = field(default_factory=dict)
-    losses: LossWeights = LossWeights()
-    is_whole: bool = False
+    name: str  # the name of its folder
+    sizes: Mapping[str, object] = field(default_factory=dict)  # fields of `MotionTokenizerConfig` that differ
+    losses: LossWeights = LossWeights()  # weights of the training losses; by default the paper's
+    is_whole: bool = False  # the whole body is one part
 
 
 OURS = TokenizerChoice("body-parts")
@@ -174,25 +167,15 @@ OURS = TokenizerChoice("body-parts")
 
 @dataclass(frozen=True)
 class GeneratorChoice:
-    """A generator.
+    """A generator."""
 
-    Attributes:
-        name: the name of its folder.
-        tokenizer: the tokenizer whose codes it generates.
-        sizes: fields of `GeneratorConfig` that differ.
-        training: fields of `GeneratorTraining` that differ.
-        only: train only on clips that are mostly this kind of sound; None: on all clips.
-        after: the generator that stage 3 goes on from; None: stage 2.
-        is_first: it is a generator of stage 1.
-    """
-
-    name: str
-    tokenizer: TokenizerChoice = OURS
-    sizes: Mapping[str, object] = field(default_factory=dict)
-    training: Mapping[str, object] = field(default_factory=dict)
-    only: Literal["speech", "music"] | None = None
-    after: "GeneratorChoice | None" = None
-    is_first: bool = False
+    name: str  # the name of its folder
+    tokenizer: TokenizerChoice = OURS  # the tokenizer whose codes it generates
+    sizes: Mapping[str, object] = field(default_factory=dict)  # fields of `GeneratorConfig` that differ
+    training: Mapping[str, object] = field(default_factory=dict)  # fields of `GeneratorTraining` that differ
+    only: Literal["speech", "music"] | None = None  # train only on clips mostly of this sound; None: on all
+    after: "GeneratorChoice | None" = None  # the generator that stage 3 goes on from; None: stage 2
+    is_first: bool = False  # it is a generator of stage 1
 
     @property
     def stage(self) -> Literal[1, 2, 3]:

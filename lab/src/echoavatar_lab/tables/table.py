@@ -29,19 +29,12 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity.
+    """A quantity."""
 
-    Attributes:
-        key: the name by which lines refer to it.
-        title: its title in the paper.
-        unit: the unit of the printed number; empty for a pure number.
-        better: the better direction; "" if there is none.
-    """
-
-    key: str
-    title: str
-    unit: str = ""
-    better: Literal["lower", "higher", ""] = "lower"
+    key: str  # the name by which lines refer to it
+    title: str  # its title in the paper
+    unit: str = ""  # the unit of the printed number; empty for a pure number
+    better: Literal["lower", "higher", ""] = "lower"  # the better direction; "" if there is none
 
     @property
     def heading(self) -> str:

@@ -27,7 +27,7 @@ The live pipeline does not import this room. May import `held_folder` and `echoa
 
 from .loop import Loop
 from .muon import Muon
-from .run import Interrupted, Progress, train
+from .run import Interrupted, train
 from .state import has_state
 from .task import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw, seeded
 
@@ -37,7 +37,6 @@ __all__ = [
     "Loop",
     "Loss",
     "Muon",
-    "Progress",
     "Schedule",
     "TrainingTask",
     "TrainingConfig",

@@ -50,6 +50,8 @@ def read_curves(folder: Path) -> dict[str, Curve]:
 def _flat(told: Mapping[str, Any], prefix: str = "") -> list[tuple[str, float]]:
     flat = []
     for name, value in told.items():
+        if prefix.startswith("held_out.") and isinstance(value, list) and len(value) == 2:
+            value = value[0]  # a mean and its standard error, from `align`
         if isinstance(value, dict):
             flat += _flat(value, f"{prefix}{name}.")
         elif isinstance(value, int | float) and math.isfinite(value):

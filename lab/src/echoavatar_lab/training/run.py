@@ -7,14 +7,15 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self, TypeVar
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.progress import Progress
 
 from .loop import Loop
 from .metrics_log import MetricsLog
@@ -33,39 +34,26 @@ class Interrupted(KeyboardInterrupt):  # noqa: N818  (like KeyboardInterrupt: no
         self.code = 128 + number
 
 
-class Signals:
+class Signals(ExitStack):
     """Context that records the first signal in `number` and then restores the previous handlers.
 
     Python delivers signals to the main thread only; entered in another thread this does nothing.
     """
 
-    def __init__(self) -> None:
-        self.number = 0
-        self._before: dict[signal.Signals, object] = {}
+    number = 0
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            self._before = {which: signal.signal(which, self._note) for which in _ASKED}
+            for which in _ASKED:
+                self.callback(signal.signal, which, signal.signal(which, self._note))
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._restore()
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.number = number
-        self._restore()
-
-    def _restore(self) -> None:
-        for which, handler in self._before.items():
-            signal.signal(which, handler)  # type: ignore[arg-type]
-        self._before = {}
+        self.close()
 
 
 TaskT = TypeVar("TaskT", bound=TrainingTask[Any])
-Progress = Callable[[int, int], None]
-"""Called with (steps done, total steps) after each step."""
 
 
 def train(

@@ -32,19 +32,12 @@ SPLITS = ("train", "test")
 
 @dataclass(frozen=True)
 class FaceClip:
-    """Sound and curves of equal length.
+    """Sound and curves of equal length."""
 
-    Attributes:
-        name: file-safe name.
-        audio: (800 t,) float32 mono at 24 kHz.
-        curves: (t, 52) float32 in canonical order.
-        split: "train" or "test".
-    """
-
-    name: str
-    audio: Float[np.ndarray, " s"]
-    curves: Float[np.ndarray, "t c"]
-    split: str = "train"
+    name: str  # file-safe name
+    audio: Float[np.ndarray, " s"]  # (800 t,) float32 mono at 24 kHz
+    curves: Float[np.ndarray, "t c"]  # (t, 52) float32 in canonical order
+    split: str = "train"  # "train" or "test"
 
     def __post_init__(self) -> None:
         """Raises MotionError for shapes that do not fit and values that are not finite."""

@@ -19,7 +19,8 @@ from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, adamw
+from echoavatar_lab.progress import Progress, watched
+from echoavatar_lab.training import Loss, TrainingConfig, adamw
 
 from ..quantize import steady_codes
 from .losses import LossWeights, total
@@ -83,10 +84,8 @@ class DecoderTask(BodyTask[Pairs]):
             raise MotionError(f"no clip has {training.tokens} tokens of motion; use longer clips")
         self._ends = torch.tensor([size for _, size in kept]).cumsum(0)
         self._clips = list[tuple[Tensor, list[Tensor]]]()
-        for done, (clip, _) in enumerate(kept, start=1):
+        for clip, _ in watched(kept, progress):
             self._clips.append(self._encoded(clip))
-            if progress:
-                progress(done, len(kept))
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over the decoders; the rest is frozen."""

@@ -2,7 +2,7 @@ import sys
 
 import pytest
 
-from echoavatar_lab.commands.progress import progress_bar
+from echoavatar_lab.progress import progress_bar, watched
 
 
 def test_work_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -13,3 +13,13 @@ def test_work_is_told_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsy
             say("scoring", 2, 3)
         told = capsys.readouterr().err
         assert ("reading" in told, "2/3" in told) == (is_terminal, is_terminal)
+
+
+def test_progress_is_told_after_each_item() -> None:
+    told: list[tuple[int, int]] = []
+    seen = []
+    for item in watched("ab", lambda done, total: told.append((done, total))):
+        seen.append((item, len(told)))
+    assert seen == [("a", 0), ("b", 1)]
+    assert told == [(1, 2), (2, 2)]
+    assert list(watched("ab", None)) == ["a", "b"]
