@@ -347,7 +347,7 @@ class SessionCore:
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            is_talk = heard.music is None and self._is_free(chunk)
+            is_talk = heard.music is None and self._is_free(chunk) and not self._settling.is_dancing(chunk - 1)
             hands = self._manner.hands(chunk) if is_talk else WHOLE
             plan = ChunkPlan(heard.audio, members, manner, hands, forgets, undone)
             self._making = chunk, heard, plan

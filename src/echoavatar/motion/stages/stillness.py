@@ -21,8 +21,8 @@ at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is.
 A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
 from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. The place
 of a hand of size under 1 rises `RISES` times as slowly as it sinks: none stays up. And the generator holds a speaker's
-hands too far before the body, so an arm turns down and aside by `LOWERED` and `OPENED` times the distance. Not in the
-paper.
+hands too far before the body, so an arm turns down and aside by `LOWERED` and `OPENED` times the distance. All that
+ends as the hips travel, and at once where legs dance. Not in the paper.
 """
 
 import math
@@ -212,14 +212,16 @@ def rest(  # type: ignore[no-untyped-def]
             now = rotations[row, frame]
             for part in range(3):
                 hands[row, part] += (growing if has_shown[row] else 1.0) * (asked[row, part] - hands[row, part])
-            larger, talks = max(hands[row, 0], hands[row, 1]), hands[row, 2] * max(1.0 - TRAVEL * speeds[frame, 2], 0.0)
+            free = max(1.0 - TRAVEL * speeds[frame, 2], 0.0)
+            larger = max(hands[row, 0], hands[row, 1])
             take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], larger, has_shown[row], fps)
             for side in range(len(joints)):
                 shown, place = arms[row, 0, side], arms[row, 1, side]
+                size = 1.0 + free * (hands[row, side] - 1.0)
                 at, behind, follows = wrist(now, joints[side], offsets[side]), 0.0, 1.0
                 if has_shown[row]:
                     behind = length(minus(at, held_wrist(shown, offsets[side]))) / reach[side]
-                    rises = hands[row, side] < 1.0 and at[1] > held_wrist(place, offsets[side])[1]
+                    rises = size < 1.0 and at[1] > held_wrist(place, offsets[side])[1]
                     follows = settling * (RISES if rises else 1.0)
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
@@ -231,7 +233,6 @@ def rest(  # type: ignore[no-untyped-def]
                     write_quaternion(shown[bone], q)
                     mean = between(read_quaternion(place[bone]), q, follows)
                     write_quaternion(place[bone], mean)
-                    write_quaternion(now[joint], q if hands[row, side] == 1.0 else between(mean, q, hands[row, side]))
-                if talks > 0.0:
-                    withdraw(now, joints[side], offsets[side], talks / reach[side])
+                    write_quaternion(now[joint], q if size == 1.0 else between(mean, q, size))
+                withdraw(now, joints[side], offsets[side], free * hands[row, 2] / reach[side])
             has_shown[row] = True
