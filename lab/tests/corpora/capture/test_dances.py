@@ -64,12 +64,12 @@ def test_the_same_seed_is_the_same_dance_and_another_seed_another(library: Captu
 
 
 def test_a_tempo_that_no_dance_fits_is_refused(library: CapturedLibrary):
-    graph = dance_graph(library)
-    assert can_dance(graph, GROUPS, piece(0.45, 20.0))
-    assert not can_dance(graph, GROUPS, piece(6.0, 60.0))
-    assert not can_dance(graph, ("nobody",), piece(0.45, 20.0))
+    dances = dance_graph(library)
+    assert can_dance(dances, GROUPS, piece(0.45, 20.0))
+    assert not can_dance(dances, GROUPS, piece(6.0, 60.0))
+    assert not can_dance(dances, ("nobody",), piece(0.45, 20.0))
     with pytest.raises(ValueError, match="tempo"):
-        choose(graph, GROUPS, piece(6.0, 60.0), np.random.default_rng(0))
+        choose(dances, GROUPS, piece(6.0, 60.0), np.random.default_rng(0))
 
 
 def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrary, library: CapturedLibrary):

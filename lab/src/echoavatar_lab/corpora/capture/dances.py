@@ -32,7 +32,7 @@ from echoavatar_lab.corpora.controls import (
 )
 from echoavatar_lab.corpora.solver import solve
 
-from .dance_graph import Dance, DanceGraph, Stretches, joint_speed
+from .dance_graph import Dance, Stretches, joint_speed, stretches_of
 from .footfalls import with_footfalls
 
 PHRASE = 8  # beats
@@ -84,19 +84,19 @@ class Phrase:
     energy: float
 
 
-def can_dance(graph: DanceGraph, groups: tuple[str, ...], piece: Piece) -> bool:
+def can_dance(dances: tuple[Dance, ...], groups: tuple[str, ...], piece: Piece) -> bool:
     """Whether some dancers have enough material at the tempo of a piece."""
-    return len(graph.stretches(groups, *_half(piece))) >= 24
+    return len(stretches_of(dances, groups, *_half(piece))) >= 24
 
 
 def captured_dance(
-    graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
+    dances: tuple[Dance, ...], groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
 ) -> tuple[int, Controls]:
     """The number of the first frame, and curves from the start of a piece to a little after its end.
 
     Raises ValueError if nothing fits the tempo; ask `can_dance` before.
     """
-    phrases = choose(graph, groups, piece, rng)
+    phrases = choose(dances, groups, piece, rng)
     body: Controls | None = None
     first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
     size = min(SIZE * float(np.exp(SPREAD * rng.standard_normal())), LARGEST)
@@ -109,7 +109,7 @@ def captured_dance(
     return first, _slowed(with_footfalls(_slowed(replace(body, spine=spine))), without=FEET)
 
 
-def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
+def choose(dances: tuple[Dance, ...], groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
     """The phrases of a dance from before the start of a piece until after its end.
 
     Raises ValueError if nothing fits the tempo.
@@ -118,7 +118,7 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
     long, number = 2 * half, 0
     while piece.beat(number) > piece.start:
         number -= 1
-    kinds = {beats: kind for beats in (long, half) if len(kind := graph.stretches(groups, beats, beat_s))}
+    kinds = {beats: kind for beats in (long, half) if len(kind := stretches_of(dances, groups, beats, beat_s))}
     if not kinds:
         raise ValueError("no captured dance fits this tempo")
     used = {beats: np.zeros(len(kind)) for beats, kind in kinds.items()}
@@ -134,7 +134,7 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
         cost = cost + 0.5 * used[beats]
         best = np.argsort(cost)[: NEAREST if here is not None else 24]
         pick = int(rng.choice(best))
-        dance = graph.dances[kind.dance[pick]]
+        dance = dances[kind.dance[pick]]
         used[beats] *= 0.9
         used[beats] += np.exp(-0.5 * ((kind.first - kind.first[pick]) / 6.0) ** 2) * (
             kind.dance // 2 == kind.dance[pick] // 2

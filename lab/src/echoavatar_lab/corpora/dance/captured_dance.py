@@ -54,13 +54,13 @@ def with_captured(
 
     They come to rest after the span, at `until` seconds at the latest.
     """
-    graph, piece = dance_graph(library), _piece(counts)
+    dances, piece = dance_graph(library), _piece(counts)
     kinds = DANCERS.get(counts.groove.name, ())
     chosen = [kinds[i] for i in rng.permutation(len(kinds))]
-    groups = next((groups for groups in chosen if can_dance(graph, groups, piece)), None)
+    groups = next((groups for groups in chosen if can_dance(dances, groups, piece)), None)
     if groups is None or rng.random() < BY_RULE:
         return dance
-    first, made = captured_dance(graph, groups, piece, rng)
+    first, made = captured_dance(dances, groups, piece, rng)
     begin = max(round(piece.start * FRAME_RATE_HZ), first, 0)
     end = min(first + len(made), round(until * FRAME_RATE_HZ), len(dance))
     parts = (dance[:begin], made[begin - first : end - first], dance[end:])

@@ -23,7 +23,7 @@ from .gesture_cues import Cue, gesture_cues
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents
-from .idle import finger_drift, hands_of, idle, resting_hands, with_hands
+from .idle import finger_drift, idle, resting_hands, with_hands
 from .lexicon import ACCENTS, HOME, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
 from .speakers import arousal, energy_of, pace_of, resting_of
 
@@ -83,7 +83,7 @@ def gesture(
     head, spine = head_accents(track, energy_of(manner), rng)
     posture, hinge = postures(track, manner, rng, POSTURE if library is None else POSTURE_CAPTURED)
     turned = body.pelvis_rotation + hinge * np.array([0.0, 1.0, 0.0], np.float32)
-    resting = hands_of(body)
+    resting = body.hands()
     speaking = replace(body, spine=body.spine + spine + posture, pelvis_rotation=turned, head=body.head + head)
     speaking = with_following_torso(with_hands(speaking, resting + moved), resting, manner)
     return with_steady_head(speaking, body)
