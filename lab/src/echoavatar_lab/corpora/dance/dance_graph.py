@@ -15,11 +15,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import Array, Controls, mirrored, smoothed, turned
-from echoavatar_lab.corpora.solver import solve
 
+from ..capture.library import CapturedLibrary
+from ..controls import Array, Controls, mirrored, smoothed, turned
+from ..solver import solve
 from .dance_counts import braking, find_counts
-from .library import CapturedLibrary
 
 RATES, USUAL_RATE = (0.65, 1.9), 1.4  # of playback between two counts; a count lasts 1/4 to 2 beats accordingly
 FASTEST_DEG_S = 1000.0  # of a joint as it is played

@@ -1,9 +1,9 @@
 import numpy as np
-from lab.tests.corpora.capture.test_dances import stepping_in_place
+from lab.tests.corpora.dance.test_phrases import stepping_in_place
 
-from echoavatar_lab.corpora.capture.dance_graph import dance_graph, joint_speed, stretches_of
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar_lab.corpora.controls import Controls
+from echoavatar_lab.corpora.dance.dance_graph import dance_graph, joint_speed, stretches_of
 
 
 def graph_of(dance: Controls):
