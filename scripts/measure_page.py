@@ -11,24 +11,20 @@ Needs the extras `serve` and `browser`, and a system Chromium. Prints a table fo
 import argparse
 import os
 import shutil
-import socket
 import statistics
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from echoavatar import outgoing
+from try_avatar import served
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SIZE = {"width": 1280, "height": 720}
 SECONDS = 12  # of speech, over which pictures and bytes are counted
 WAIT_S = 120.0
 SETTLED_S = 4.0  # after which a started browser has opened its own pages
-START_S = 300.0  # of a server that compiles first
 # Records when the first picture with the avatar was drawn. Pages forbid `eval`, so this runs before their own scripts.
 FIRST = """
 (() => {
@@ -59,7 +55,8 @@ def main() -> None:
     args = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
-    with server(args.url) as url, sync_playwright() as driver:
+    own = nullcontext(args.url) if args.url else served("serve", "--port", "0")
+    with own as url, sync_playwright() as driver:
         print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
         for quality in args.quality:
             print(row(driver, args, f"{url}?quality={quality}" if quality else url, quality or "auto"), flush=True)
@@ -179,33 +176,6 @@ def wait(page: Any, condition: str) -> None:
         if time.monotonic() > end:
             sys.exit(f"{condition} did not become true within {WAIT_S:.0f} s")
         time.sleep(0.05)
-
-
-@contextmanager
-def server(url: str | None) -> Iterator[str]:
-    """The address of a server, started here if none is given."""
-    if url:
-        yield url
-        return
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    process = subprocess.Popen([sys.executable, "-m", "echoavatar", "serve", "--port", str(port)])
-    try:
-        own = f"http://127.0.0.1:{port}/"
-        end = time.monotonic() + START_S
-        while True:
-            try:
-                outgoing.fetch(own + "health", seconds=2)
-                break
-            except outgoing.OutgoingError:
-                if process.poll() is not None or time.monotonic() > end:
-                    sys.exit("the server did not start")
-                time.sleep(0.3)
-        yield own
-    finally:
-        process.terminate()
-        process.wait()
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ def main() -> int:
     tried("export", "export", "speech.npz", "-o", "speech.vrma")
     tried("rig", "rig", "speech.glb", "-o", "body.json")
     with served("serve", "--port", "0") as server:
+        print("ok  serve", flush=True)
         tried("say", "say", sound, "--server", server, "-o", "said.npz")
         with served("proxy", "--upstream", "ws://127.0.0.1:9", "--avatar", server, "--port", "0") as proxy:
             print(f"ok  proxy at {proxy}")
@@ -74,7 +75,6 @@ def served(*words: str) -> Iterator[str]:
                 raise SystemExit(f"{words[0]} says {line!r} instead of an address")
             host = address.split("/")[2]
             reach(f"http://{host}/health")
-            print(f"ok  {words[0]}", flush=True)
             yield f"http://{host}"
         finally:
             process.terminate()

@@ -9,7 +9,7 @@ from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.tables import write_npz
 from echoavatar_studio.clips import save_sound
 from echoavatar_studio.settings import SoundChoice, SystemChoice
-from echoavatar_studio.sources import FolderPerformer, inside, perform, read_sounds
+from echoavatar_studio.sources import from_folder, inside, perform, read_sounds
 
 
 @pytest.fixture
@@ -26,8 +26,8 @@ def place(tmp_path):
 def test_sound_and_motion_are_cut_alike(place):
     cuts = read_sounds([SoundChoice(path="sounds", category="gesture", start=0.5)], place, seconds=1.0)
     assert [(cut.name, len(cut.audio)) for cut in cuts] == [("one", 24_000), ("two", 24_000)]
-    folder = perform(SystemChoice(name="A", clips="clips"), cuts, place)
-    (one, seed), (two, _) = (folder.motion(cut, 0) for cut in cuts)
+    folder = perform(SystemChoice(name="A", clips="clips"), place)
+    (one, seed), (two, _) = (folder(cut, 0) for cut in cuts)
     assert seed is None
     whole = canned.moving(2.0, 1.0)
     np.testing.assert_allclose(one.motion.rotations, whole.rotations[15:45], atol=1e-6)
@@ -50,13 +50,13 @@ def test_what_cannot_be_used_is_named(place):
     with pytest.raises(AudioError, match="holds no sound"):
         read_sounds([SoundChoice(path="clips", category="dance")], place, seconds=1.0)
     with pytest.raises(MotionError, match="not a folder"):
-        FolderPerformer(place / "none", "A")
+        perform(SystemChoice(name="A", clips="none"), place)
     (cut,) = read_sounds([one], place, seconds=2.0)
     with pytest.raises(MotionError, match="has no clip three.npz"):
-        FolderPerformer(place / "clips", "A").motion(cut._replace(stem="three"), 0)
+        from_folder(place / "clips", "A", cut._replace(stem="three"))
     write_npz(place / "clips" / "one.npz", canned.moving(1.0, 1.0))
     with pytest.raises(MotionError, match=r"lasts 1\.0 s"):
-        FolderPerformer(place / "clips", "A").motion(cut, 0)
+        from_folder(place / "clips", "A", cut)
 
 
 def test_paths_stay_in_the_library(place):

@@ -1,7 +1,6 @@
 """The audit: one line for everything that changes something or was refused, written in the same transaction."""
 
 import time
-from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from sqlalchemy import select
@@ -30,20 +29,12 @@ def read_audit(store: Store, *, study: str = "", before: int | None = None) -> A
     if before is not None:
         wanted = wanted.where(Event.id < before)
     with store.read() as session:
-        return Audit(events=_rows(session.scalars(wanted).all()))
+        return Audit(events=tuple(map(_row, session.scalars(wanted))))
 
 
-def _rows(events: Sequence[Event]) -> tuple[EventRow, ...]:
-    return tuple(
-        EventRow(
-            id=event.id,
-            at=iso(event.at),
-            actor=event.actor,
-            action=event.action,
-            study=event.study,
-            detail=event.detail,
-        )
-        for event in events
+def _row(event: Event) -> EventRow:
+    return EventRow(
+        id=event.id, at=iso(event.at), actor=event.actor, action=event.action, study=event.study, detail=event.detail
     )
 
 

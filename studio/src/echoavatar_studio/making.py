@@ -5,10 +5,12 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import yaml
+from jaxtyping import Float
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -205,10 +207,10 @@ def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: P
     for place, system in enumerate(settings.systems):
         if system.mismatched is not None:
             continue
-        performer = perform(system, cuts, base)
+        performer = perform(system, base)
         for number, cut in enumerate(cuts):
             progress(done, total, f"{system.name}: {cut.name}")
-            shown, seed = performer.motion(cut, number)
+            shown, seed = performer(cut, number)
             is_neutral = is_neutral or shown.face is None
             file = _file(number, place)
             save_clip(folder / file, shown)
@@ -268,14 +270,15 @@ def make_preference(settings: PreferenceStudy, base: Path, folder: Path, progres
             made = candidates(pipeline, bundle, cut, clip, start, settings)
             files = []
             for at, one in enumerate(made):
-                file = f"{len(rows):03d}-{at:02d}.motion"
+                file = _file(len(rows), at)
                 save_clip(folder / file, one.shown)
                 files.append((f"candidate {at + 1}", file, one.seed, one.codes))
             begin = start + settings.past
             audio = fit(cut.audio[begin * CHUNK_SAMPLES :], made[0].shown.motion.frames)
             row = _stored(folder, len(rows), cut, audio, tuple(files), corrupt(made[-1].shown, number))
-            prompt = {"clip": token_name(cut), "start": start, "past": settings.past, "second": begin * CHUNK_SECONDS}
-            rows.append(_with_prompt(row, prompt))
+            second = begin * CHUNK_SECONDS
+            prompt = {"clip": token_name(cut), "start": start, "past": settings.past, "second": second}
+            rows.append(replace(row, name=f"{row.name} @{second:.1f}s", prompt=prompt))
     progress(len(cuts), len(cuts), "planning")
     return rows
 
@@ -284,19 +287,14 @@ def _stored(
     folder: Path,
     number: int,
     cut: SoundCut,
-    audio: object,
+    audio: Float[np.ndarray, " s"],
     clips: tuple[tuple[str, str, int | None, list[list[list[int]]] | None], ...],
     corrupted: Performance,
 ) -> Material:
     sound, bad = f"{number:03d}.flac", f"{number:03d}-x.motion"
-    save_sound(folder / sound, audio)  # type: ignore[arg-type]
+    save_sound(folder / sound, audio)
     save_clip(folder / bad, corrupted)
-    return Material(cut.name, cut.category, sound, len(audio) / SAMPLE_RATE_HZ, clips, bad)  # type: ignore[arg-type]
-
-
-def _with_prompt(row: Material, prompt: dict[str, object]) -> Material:
-    name = f"{row.name} @{prompt['second']:.1f}s"
-    return Material(name, row.category, row.sound, row.seconds, row.clips, row.corrupted, prompt)
+    return Material(cut.name, cut.category, sound, len(audio) / SAMPLE_RATE_HZ, clips, bad)
 
 
 def _text(settings: PairwiseStudy | PreferenceStudy) -> str:

@@ -1,6 +1,6 @@
 """From clips to tasks: trials, attention checks, practice, and the blocks of raters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -22,13 +22,22 @@ class Item(NamedTuple):
     corrupted: int
 
 
+Add = Callable[[Item, str, Sequence[int]], Trial]  # a trial of an item: its role and its clips
+
+
 def plan(session: Session, study: Study, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]) -> int:
     """Write trials, blocks and tasks; return the number of tasks that count."""
-    trials = _Trials(session, study, settings)
-    real, groups = _real(trials, settings, items)
-    identical = _identical(trials, items) if settings.kind == "pairwise" else []
-    corrupted = [_corrupted_trial(trials, settings, item, "corrupted", k) for k, item in enumerate(items)]
-    practice = [_corrupted_trial(trials, settings, item, "training", k + 1) for k, item in enumerate(items)]
+
+    def add(item: Item, role: str, clips: Sequence[int]) -> Trial:
+        trial = Trial(study_id=study.id, sound_id=item.sound_id, role=role, clips=list(clips))
+        session.add(trial)
+        session.flush()
+        return trial
+
+    real, groups = _real(add, settings, items)
+    identical = _identical(add, items) if settings.kind == "pairwise" else []
+    corrupted = [_corrupted_trial(add, settings, item, "corrupted", k) for k, item in enumerate(items)]
+    practice = [_corrupted_trial(add, settings, item, "training", k + 1) for k, item in enumerate(items)]
     random = np.random.default_rng([settings.seed, 5])
 
     def some(of: Sequence[Trial], count: int) -> list[Trial]:
@@ -61,51 +70,37 @@ def plan(session: Session, study: Study, settings: PairwiseStudy | PreferenceStu
     return sum(len(row) for row in rows)
 
 
-class _Trials:
-    def __init__(self, session: Session, study: Study, settings: PairwiseStudy | PreferenceStudy) -> None:
-        self._session, self._study = session, study
-        self.random = np.random.default_rng([settings.seed, 6])
-
-    def add(self, item: Item, role: str, clips: Sequence[int]) -> Trial:
-        trial = Trial(study_id=self._study.id, sound_id=item.sound_id, role=role, clips=list(clips))
-        self._session.add(trial)
-        self._session.flush()
-        return trial
-
-
 def _real(
-    trials: _Trials, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]
+    add: Add, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]
 ) -> tuple[list[Trial], list[list[str]]]:
     """The trials that count, with the marks of each: the sound, and in pairwise studies the pair and both systems."""
     found, groups = [], []
     for item in items:
         if settings.kind == "preference":
-            found.append(trials.add(item, "real", list(item.clips.values())))
+            found.append(add(item, "real", list(item.clips.values())))
             groups.append([f"sound {item.name.rsplit(' @', 1)[0]}"])
             continue
         for one, other in combinations(settings.systems, 2):
             if one.group == other.group:
-                found.append(trials.add(item, "real", [item.clips[one.name], item.clips[other.name]]))
+                found.append(add(item, "real", [item.clips[one.name], item.clips[other.name]]))
                 groups.append([f"sound {item.name}", f"pair {one.name} {other.name}", one.name, other.name])
     return found, groups
 
 
-def _identical(trials: _Trials, items: Sequence[Item]) -> list[Trial]:
+def _identical(add: Add, items: Sequence[Item]) -> list[Trial]:
     found = []
     for number, item in enumerate(items):
         clips = list(item.clips.values())
-        found.append(trials.add(item, "identical", [clips[number % len(clips)]] * 2))
+        found.append(add(item, "identical", [clips[number % len(clips)]] * 2))
     return found
 
 
-def _corrupted_trial(
-    trials: _Trials, settings: PairwiseStudy | PreferenceStudy, item: Item, role: str, number: int
-) -> Trial:
+def _corrupted_trial(add: Add, settings: PairwiseStudy | PreferenceStudy, item: Item, role: str, number: int) -> Trial:
     """A check with an intact clip and a corrupted one; in preference studies the corrupted clip replaces a candidate.
 
     The corrupted clip always has the last place, by which `quality` recognises it.
     """
     clips = list(item.clips.values())
     if settings.kind == "pairwise":
-        return trials.add(item, role, [clips[number % len(clips)], item.corrupted])
-    return trials.add(item, role, [*clips[:-1], item.corrupted])
+        return add(item, role, [clips[number % len(clips)], item.corrupted])
+    return add(item, role, [*clips[:-1], item.corrupted])

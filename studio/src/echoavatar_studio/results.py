@@ -30,28 +30,20 @@ def results(store: Store, public: str) -> Results:
     """All results, from the answers of raters who are not excluded."""
     with store.read() as session:
         study = find_study(session, public)
-        return results_of(session, study)
-
-
-def results_of(session: Session, study: Study) -> Results:
-    """All results of a study that is already loaded; see `results`."""
-    settings, everything = kept_study(study.settings), answer_records(session, study)
-    answers = counted(everything)
-    people = {answer.rater for answer in answers}
-    excluded = {answer.rater for answer in everything if answer.is_excluded}
-    is_pairwise = settings.kind == "pairwise"
+        settings, everything = kept_study(study.settings), answer_records(session, study)
+        answers = counted(everything)
+        is_pairwise = settings.kind == "pairwise"
+        judged = [] if settings.kind == "pairwise" else verdicts(session, study, settings, answers)
     return Results(
         kind=settings.kind,
         judgements=len(answers),
-        raters=len(people),
-        excluded=len(excluded),
+        raters=len({answer.rater for answer in answers}),
+        excluded=len({answer.rater for answer in everything if answer.is_excluded}),
         rows=tuple(system_rows(settings, answers)) if settings.kind == "pairwise" else (),
         pairs=tuple(pair_rows(settings, answers)) if settings.kind == "pairwise" else (),
         ranking=tuple(ranking(settings, answers)) if settings.kind == "pairwise" else (),
         agreement=tuple(_pairwise_alpha(settings, answers) if settings.kind == "pairwise" else _best_alpha(answers)),
-        preferences=tuple(_preference(row) for row in verdicts(session, study, settings, answers))
-        if settings.kind == "preference"
-        else (),
+        preferences=tuple(_preference(row) for row in judged),
         plots=PLOTS if is_pairwise else (),
         exports=FILES[settings.kind],
     )

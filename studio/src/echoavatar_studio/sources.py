@@ -1,6 +1,6 @@
 """The sources of sounds and motion: files of the owner, and models."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,73 +64,58 @@ def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | 
     return cuts
 
 
-def perform(system: SystemChoice, cuts: Sequence[SoundCut], base: Path) -> "Performer":
-    """Open a system, which may load a model.
+# Motion as long as a cut, and the seed it was made with; for the cut and its number.
+Performer = Callable[[SoundCut, int], tuple[Performance, int | None]]
+
+
+def perform(system: SystemChoice, base: Path) -> Performer:
+    """Open a system, which may load a model; each sound has a seed of its own.
 
     Raises:
         EchoAvatarError: there is no such bundle or folder.
     """
     if system.clips is not None:
-        return FolderPerformer(base / system.clips, system.name)
+        folder = base / system.clips
+        if not folder.is_dir():
+            raise MotionError(f"system {system.name!r}: {folder} is not a folder; name one that holds its clips")
+        return lambda cut, _: (from_folder(folder, system.name, cut), None)
     assert system.model is not None
     inside = base / system.model
     pipeline = Pipeline(load_bundle(inside if (inside / "generator").is_dir() else system.model))
     pipeline.warm_up()
-    return ModelPerformer(pipeline, system.seed)
 
-
-class Performer:
-    """Returns the motion of a system for one sound after the other."""
-
-    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """Motion as long as the cut, and the seed it was made with."""
-        raise NotImplementedError
-
-
-class ModelPerformer(Performer):
-    """The motion of a bundle, made by the engine that also runs live."""
-
-    def __init__(self, pipeline: Pipeline, seed: int) -> None:
-        self._pipeline, self._seed = pipeline, seed
-
-    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """See `Performer.motion`. Each sound has a seed of its own."""
-        seed = self._seed * 1_000_003 + number
-        made = animate(self._pipeline, in_blocks(cut.audio), seed=seed)
+    def by_model(cut: SoundCut, number: int) -> tuple[Performance, int | None]:
+        seed = system.seed * 1_000_003 + number
+        made = animate(pipeline, in_blocks(cut.audio), seed=seed)
         return Performance(made.motion, made.face), seed
 
+    return by_model
 
-class FolderPerformer(Performer):
-    """A folder of motion files named after the sound files."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        if not folder.is_dir():
-            raise MotionError(f"system {name!r}: {folder} is not a folder; name one that holds its clips")
-        self._folder, self._name = folder, name
+def from_folder(folder: Path, name: str, cut: SoundCut) -> Performance:
+    """The motion file of a system that is named after the sound's, cut at the same second.
 
-    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """See `Performer.motion`. The motion is cut at the same second as the sound."""
-        del number
-        for suffix in (".npz", ".bvh"):
-            path = self._folder / f"{cut.stem}{suffix}"
-            if path.is_file():
-                break
-        else:
-            raise MotionError(
-                f"system {self._name!r} has no clip {cut.stem}.npz or {cut.stem}.bvh in {self._folder}; clips are named"
-                " after the sound files"
-            )
-        motion = on_our_rig(_read(path))
-        first = round(cut.start * FRAME_RATE_HZ)
-        frames = len(cut.audio) * FRAME_RATE_HZ // SAMPLE_RATE_HZ
-        if motion.frames < first + frames:
-            raise MotionError(
-                f"{path} lasts {motion.seconds:.1f} s, the study shows seconds {cut.start:g} to"
-                f" {cut.start + frames / FRAME_RATE_HZ:g}; make it for the whole sound"
-            )
-        face = _face(path)
-        shown = None if face is None or len(face) < first + frames else face[first : first + frames]
-        return Performance(motion.cut(first, first + frames), shown), None
+    Raises:
+        MotionError: there is none, it is damaged, or it is too short.
+    """
+    paths = [folder / f"{cut.stem}{suffix}" for suffix in (".npz", ".bvh")]
+    path = next((path for path in paths if path.is_file()), None)
+    if path is None:
+        raise MotionError(
+            f"system {name!r} has no clip {cut.stem}.npz or {cut.stem}.bvh in {folder}; clips are named after the sound"
+            " files"
+        )
+    motion = on_our_rig(_read(path))
+    first = round(cut.start * FRAME_RATE_HZ)
+    frames = len(cut.audio) * FRAME_RATE_HZ // SAMPLE_RATE_HZ
+    if motion.frames < first + frames:
+        raise MotionError(
+            f"{path} lasts {motion.seconds:.1f} s, the study shows seconds {cut.start:g} to"
+            f" {cut.start + frames / FRAME_RATE_HZ:g}; make it for the whole sound"
+        )
+    face = _face(path)
+    shown = None if face is None or len(face) < first + frames else face[first : first + frames]
+    return Performance(motion.cut(first, first + frames), shown)
 
 
 def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:

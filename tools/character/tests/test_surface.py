@@ -31,4 +31,4 @@ def test_a_part_keeps_only_what_it_uses_and_the_border_is_closed() -> None:
 
 def test_smoothing_brings_values_together() -> None:
     values = np.array([[0.0], [3.0], [0.0], [0.0], [0.0], [0.0]])
-    assert np.ptp(smoothed(values, QUADS, 5, hold_border=False)) < 1
+    assert np.ptp(smoothed(values, QUADS, 5)) < 1

@@ -44,7 +44,7 @@ def test_hair_hangs_on_chains_below_the_ears_and_the_rest_stays_with_the_head() 
     np.testing.assert_allclose(made.weights.sum(1), 1, atol=1e-5)
     swings = (made.joints >= len(BONES)) & (made.weights > 0)
     assert made.joints[swings].max() < len(BONES) + LINKS * len(chains)
-    top = max(chain.places[0, 1] for chain in chains)
+    top = max(chain[0, 1] for chain in chains)
     assert maya.positions[swings.any(1), 1].max() <= top + 1e-4
     low = np.flatnonzero(swings.any(1) & (maya.positions[:, 1] < top - 0.08))
     assert len(low) > 100

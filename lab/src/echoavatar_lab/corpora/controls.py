@@ -69,6 +69,10 @@ class Controls:
         """All curves side by side, in field order."""
         return np.concatenate([getattr(self, f.name).reshape(len(self), -1) for f in fields(self)], axis=1)
 
+    def hands(self) -> Float[Array, "t 2 14"]:
+        """Wrist, palm, swing of the elbow and fingers of both hands."""
+        return np.concatenate([self.wrist, self.palm, self.elbow_swing[..., None], self.fingers], axis=-1)
+
     @classmethod
     def unpacked(cls, table: Float[Array, "t c"]) -> Self:
         """Inverse of `packed`."""

@@ -26,7 +26,7 @@ from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.held_folder import hold_folder
 
-from .prepare_recording import Receipt, finished_part, prepare_recording, stamp
+from .prepare_recording import Receipt, finished_part, prepare_recording, sound_file, stamp
 from .set_writer import SetWriter, write_json
 from .source import Recording, SetOptions, Survey, with_splits
 
@@ -204,9 +204,9 @@ def forecast(recordings: Sequence[Recording], options: SetOptions) -> Forecast:
 def _seconds(recording: Recording, options: SetOptions) -> tuple[float, bool]:
     frames, fps = motion_header(recording.motion)
     moves = frames / fps
-    if recording.sound is None or options.sound == "none" or (options.sound == "any" and not recording.sound.is_file()):
+    if (sound := sound_file(recording, options)) is None:
         return moves, False
-    sounds = sound_seconds(recording.sound)
+    sounds = sound_seconds(sound)
     if abs(moves - sounds) > options.length_tolerance * max(moves, sounds):
         raise MotionError(
             f"{recording.motion.name} lasts {moves:.1f} s at {fps:g} frames per second, its sound {sounds:.1f} s"
@@ -235,9 +235,7 @@ def motion_header(path: Path) -> tuple[int, float]:
 
 
 def sound_seconds(path: Path) -> float:
-    """Length of a sound file in seconds, from its header. Raises MotionError if the file is missing or is not sound."""
-    if not path.is_file():
-        raise MotionError(f"{path} is missing; add it, or pass --sound any to take the motion alone")
+    """Length of a sound file in seconds, from its header. Raises MotionError if the file is not sound."""
     try:
         with open_sound(path) as container:
             lasts = container.duration

@@ -161,7 +161,8 @@ def prepare_recording(recording: Recording, options: SetOptions, folder: Path) -
     Raises EchoAvatarError if a file is missing, damaged or does not fit; the message names the file and the remedy.
     """
     started = time.perf_counter()
-    sound = _sound(recording, options)
+    file = sound_file(recording, options)
+    sound = None if file is None else np.asarray(read_audio(file), np.float32)
     recorded = _motion(recording, options)
     notes = _rate_notes(recording, recorded)
     source = resample(recorded, float(FRAME_RATE_HZ))
@@ -236,18 +237,18 @@ def stamp(recording: Recording, options: SetOptions) -> str:
 
 
 def _files(recording: Recording, options: SetOptions) -> list[Path]:
-    with_sound = recording.sound is not None and options.sound != "none" and recording.sound.is_file()
-    return [recording.motion, *([recording.sound] if with_sound and recording.sound else [])]
+    sound = recording.sound if options.sound != "none" else None
+    return [recording.motion, *([sound] if sound is not None and sound.is_file() else [])]
 
 
-def _sound(recording: Recording, options: SetOptions) -> Sound | None:
-    if recording.sound is None or options.sound == "none":
+def sound_file(recording: Recording, options: SetOptions) -> Path | None:
+    """The sound that the set takes of a recording; None: the motion alone. Raises AudioError if it must be there."""
+    sound = recording.sound
+    if sound is None or options.sound == "none" or (options.sound == "any" and not sound.is_file()):
         return None
-    if not recording.sound.is_file():
-        if options.sound == "any":
-            return None
-        raise AudioError(f"{recording.sound} is missing; add it, or pass --sound any to take the motion alone")
-    return np.asarray(read_audio(recording.sound), np.float32)
+    if not sound.is_file():
+        raise AudioError(f"{sound} is missing; add it, or pass --sound any to take the motion alone")
+    return sound
 
 
 def _motion(recording: Recording, options: SetOptions) -> Motion:

@@ -124,6 +124,4 @@ class SetOptions(Config):
 
     def digest(self) -> str:
         """A short hash of the binding options."""
-        options = sorted(self.binding().items())
-        options = [one for one in options if one != ("joints", None)]  # sets of older versions have no such option
-        return f"{zlib.crc32(repr(options).encode()):08x}"
+        return f"{zlib.crc32(repr(sorted(self.binding().items())).encode()):08x}"

@@ -10,8 +10,7 @@ import re
 import tempfile
 import time
 import urllib.parse
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
@@ -47,14 +46,6 @@ class Spoken(NamedTuple):
     voices: tuple[str, ...]
 
 
-class _Request(NamedTuple):
-    """What a service is asked."""
-
-    address: str
-    content: dict[str, str]
-    headers: dict[str, str]
-
-
 class TextToSpeech(Protocol):
     """Speaks scripts."""
 
@@ -81,14 +72,28 @@ def text_to_speech(
             )
         return LocalTextToSpeech(resolve_engine(service))
     if service == "openai":
-        base = url or os.environ.get("OPENAI_BASE_URL") or "https://api.openai.com/v1"
+        base = (url or os.environ.get("OPENAI_BASE_URL") or "https://api.openai.com/v1").rstrip("/")
         key = _key("OPENAI_API_KEY", is_needed=_host(base) == "api.openai.com")
-        return OpenAiTextToSpeech(base, key, model or "gpt-4o-mini-tts", voices or ("alloy", "ash", "coral", "sage"))
+        headers, named = {"Authorization": f"Bearer {key}"}, model or "gpt-4o-mini-tts"
+
+        def openai(text: str, voice: str) -> tuple[str, dict[str, str]]:
+            wanted = {"model": named, "voice": voice, "input": text, "response_format": "wav"}
+            return f"{base}/audio/speech", wanted
+
+        return HttpTextToSpeech(
+            base, named, voices or ("alloy", "ash", "coral", "sage"), headers if key else {}, openai
+        )
     if not voices:
         raise EchoAvatarError("--tts elevenlabs needs --voice with the id of a voice in your library; may be repeated")
-    base = url or "https://api.elevenlabs.io/v1"
+    base = (url or "https://api.elevenlabs.io/v1").rstrip("/")
     key = _key("ELEVENLABS_API_KEY", is_needed=_host(base) == "api.elevenlabs.io")
-    return ElevenLabsTextToSpeech(base, key, model or "eleven_multilingual_v2", voices)
+    chosen = model or "eleven_multilingual_v2"
+
+    def elevenlabs(text: str, voice: str) -> tuple[str, dict[str, str]]:
+        address = f"{base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
+        return address, {"text": text, "model_id": chosen}
+
+    return HttpTextToSpeech(base, chosen, voices, {"xi-api-key": key} if key else {}, elevenlabs)
 
 
 class LocalTextToSpeech:
@@ -116,11 +121,21 @@ class LocalTextToSpeech:
         return Spoken(set_loudness(track.audio, LOUDNESS_DB), domain, {"stress": stress}, voices)
 
 
-class HttpTextToSpeech(ABC):
-    """Base of the services: one request per piece of a turn, repeated after a pause if the service is busy."""
+class HttpTextToSpeech:
+    """A service: one request per piece of a turn, repeated after a pause if the service is busy.
 
-    def __init__(self, base: str, key: str, model: str, voices: Sequence[str]) -> None:
-        self._base, self._key, self._model, self._voices = base.rstrip("/"), key, model, tuple(voices)
+    `ask` gives the address and the content of the request for a text and a voice.
+    """
+
+    def __init__(
+        self,
+        base: str,
+        model: str,
+        voices: Sequence[str],
+        headers: dict[str, str],
+        ask: Callable[[str, str], tuple[str, dict[str, str]]],
+    ) -> None:
+        self._voices, self._headers, self._ask = tuple(voices), headers, ask
         self.pause_s = 2.0  # before the second try; doubles with each further one
         self.title = f"{_host(base)}, {model}"
         self.licence = f"voices: the terms of {_host(base)}"
@@ -136,25 +151,19 @@ class HttpTextToSpeech(ABC):
         audio = set_loudness(whole_frames(np.concatenate(parts[:-1])), LOUDNESS_DB)
         return Spoken(audio, *sound_labels(audio, "speech"), tuple(dict.fromkeys(speakers)))
 
-    @abstractmethod
-    def request(self, text: str, voice: str) -> _Request:
-        """The request for one piece of text."""
-
     def _say(self, text: str, voice: str) -> FloatArray:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "answer"
-            path.write_bytes(self._fetch(self.request(text, voice)))
+            path.write_bytes(self._fetch(*self._ask(text, voice)))
             try:
                 return np.asarray(read_audio(path), np.float32)
             except AudioError as error:
                 raise AudioError(f"{self.title} sent an answer that is not sound") from error
 
-    def _fetch(self, request: _Request) -> bytes:
+    def _fetch(self, address: str, content: dict[str, str]) -> bytes:
         for attempt in range(_TRIES):
             try:
-                return outgoing.fetch(
-                    request.address, request.content, headers=request.headers, seconds=_SECONDS, most=_LONGEST_ANSWER
-                )
+                return outgoing.fetch(address, content, headers=self._headers, seconds=_SECONDS, most=_LONGEST_ANSWER)
             except outgoing.OutgoingError as error:
                 said = f"{error.status}: {error.said[: outgoing.SHOWN_LETTERS]}" if error.said else str(error.status)
                 if error.status in (400, 413, 422):
@@ -167,26 +176,6 @@ class HttpTextToSpeech(ABC):
             if attempt + 1 < _TRIES:
                 time.sleep(self.pause_s * 2**attempt)
         raise DependencyError(f"{self.title} {trouble}; run again later, finished recordings are kept")
-
-
-class OpenAiTextToSpeech(HttpTextToSpeech):
-    """OpenAI, or a server with the same protocol."""
-
-    def request(self, text: str, voice: str) -> _Request:
-        """`POST /audio/speech`; the answer is WAV."""
-        wanted = {"model": self._model, "voice": voice, "input": text, "response_format": "wav"}
-        headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
-        return _Request(f"{self._base}/audio/speech", wanted, headers)
-
-
-class ElevenLabsTextToSpeech(HttpTextToSpeech):
-    """ElevenLabs."""
-
-    def request(self, text: str, voice: str) -> _Request:
-        """`POST /text-to-speech/VOICE`; the answer is MP3."""
-        address = f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
-        headers = {"xi-api-key": self._key} if self._key else {}
-        return _Request(address, {"text": text, "model_id": self._model}, headers)
 
 
 def _key(name: str, *, is_needed: bool) -> str:

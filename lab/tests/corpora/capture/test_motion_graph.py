@@ -2,9 +2,20 @@
 
 import numpy as np
 import pytest
-from lab.tests.corpora.capture.people import stepping, swaying
+from lab.tests.corpora.capture.people import library, stepping, swaying
 
-from echoavatar_lab.corpora.capture.motion_graph import MotionGraph, joined, overhang, varied, walk
+from echoavatar.errors import MotionError
+from echoavatar_lab.corpora.capture.library import CapturedLibrary
+from echoavatar_lab.corpora.capture.motion_graph import (
+    IDLE,
+    TALKING,
+    MotionGraph,
+    joined,
+    overhang,
+    standing_graph,
+    varied,
+    walk,
+)
 from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, moved, neutral
 
 
@@ -32,6 +43,18 @@ def test_a_walk_is_continuous_and_stays(graph: MotionGraph, wanted: float):
     assert np.linalg.norm(body.pelvis_position[:, [0, 2]], axis=1).max() < 0.6
     assert np.abs(body.pelvis_rotation[:, 0]).max() < 0.8
     assert sliding(body) < 0.08
+
+
+def test_who_waits_never_does_what_talkers_do():
+    people = standing_graph(library())
+    calm, lively = (walk(people, np.full(900, x), np.random.default_rng(3)) for x in (IDLE, TALKING))
+    assert len(calm) == len(lively) == 900
+    assert np.ptp(calm.pelvis_position[:, 0]) < 0.05 < np.ptp(lively.pelvis_position[:, 0])
+
+
+def test_a_library_without_anybody_who_stands_is_refused():
+    with pytest.raises(MotionError, match="standing"):
+        standing_graph(CapturedLibrary(library().of("speech")))
 
 
 def test_liveliness_chooses_what_comes(graph: MotionGraph):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from lab.tests.corpora.capture.test_dances import stepping_in_place
+from lab.tests.corpora.dance.test_phrases import stepping_in_place
 
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar_lab.corpora.dance import captured_dance

@@ -18,7 +18,7 @@ from echoavatar_lab.corpora.gesture.gesture import (
     with_following_torso,
     with_steady_head,
 )
-from echoavatar_lab.corpora.gesture.idle import hands_of, resting_hands
+from echoavatar_lab.corpora.gesture.idle import resting_hands
 from echoavatar_lab.corpora.gesture.speakers import resting_of
 from echoavatar_lab.corpora.solver import solve
 from echoavatar_lab.corpora.sound import SoundTrack
@@ -134,7 +134,7 @@ def test_a_body_hurries_while_hands_move_and_its_clock_is_right_over_seconds():
 
 
 def test_the_shoulder_of_a_raised_hand_rises_and_the_chest_turns_away_from_a_reaching_one():
-    rest = hands_of(neutral(60))
+    rest = neutral(60).hands()
     up, ahead = neutral(60), neutral(60)
     up.wrist[:, LEFT, 1] += 0.4
     ahead.wrist[:, LEFT, 2] += 0.3

@@ -3,7 +3,7 @@ import pytest
 from lab.tests.corpora.capture.people import library
 
 from echoavatar.models.generator.manner import draw_manner
-from echoavatar_lab.corpora.gesture.idle import breathing, hands_of, idle, resting_hands, with_hands
+from echoavatar_lab.corpora.gesture.idle import breathing, idle, resting_hands, with_hands
 from echoavatar_lab.corpora.gesture.speakers import resting_of
 from echoavatar_lab.corpora.sound import SoundTrack, Span
 
@@ -34,9 +34,9 @@ def test_breath_has_the_given_rate():
     assert np.abs(breath).max() <= 1
 
 
-def test_with_hands_inverts_hands_of():
+def test_with_hands_gives_the_body_these_hands():
     controls = idle(QUIET, 1)
-    np.testing.assert_array_equal(with_hands(controls, hands_of(controls)).packed(), controls.packed())
+    np.testing.assert_array_equal(with_hands(controls, controls.hands()).packed(), controls.packed())
     assert not np.array_equal(resting_hands("sides"), resting_hands("clasped"))
 
 
@@ -48,5 +48,5 @@ def test_a_captured_body_waits_in_silence_and_sways_from_when_speech_is_heard(ta
     speed = np.abs(np.diff(body.pelvis_position[:, 0])) * 30
     assert speed[90:280].mean() > 2 * speed[:60].mean()
     rest = resting_hands(resting_of(draw_manner(5)))
-    np.testing.assert_allclose(hands_of(body)[120:130, :, :7], np.broadcast_to(rest[:, :7], (10, 2, 7)), atol=0.02)
+    np.testing.assert_allclose(body.hands()[120:130, :, :7], np.broadcast_to(rest[:, :7], (10, 2, 7)), atol=0.02)
     np.testing.assert_array_equal(idle(talk, 5, people).packed(), body.packed())

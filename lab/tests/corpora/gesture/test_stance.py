@@ -8,11 +8,11 @@ from echoavatar_lab.corpora.gesture.stance import Shift, Step, air, stances, wal
 
 def test_a_step_moves_one_foot_and_only_during_the_step():
     feet = walked(90, [Step(1.0, 1.5, 0, 0.2, 0.1, 0.3)])
-    np.testing.assert_array_equal(feet.position[:31, 0], np.tile(STANDING_FEET[0], (31, 1)).astype(np.float32))
-    np.testing.assert_allclose(feet.position[45:, 0], [[0.2, ANKLE_HEIGHT, 0.1]] * 45, atol=1e-6)
-    assert np.ptp(feet.position[:, 1], axis=0).max() == 0
-    assert feet.position[:, 0, 1].max() == pytest.approx(ANKLE_HEIGHT + 0.045, abs=2e-3)
-    assert feet.pitch[-1, 0] == 0
+    np.testing.assert_array_equal(feet.foot_position[:31, 0], np.tile(STANDING_FEET[0], (31, 1)).astype(np.float32))
+    np.testing.assert_allclose(feet.foot_position[45:, 0], [[0.2, ANKLE_HEIGHT, 0.1]] * 45, atol=1e-6)
+    assert np.ptp(feet.foot_position[:, 1], axis=0).max() == 0
+    assert feet.foot_position[:, 0, 1].max() == pytest.approx(ANKLE_HEIGHT + 0.045, abs=2e-3)
+    assert feet.foot_pitch[-1, 0] == 0
 
 
 def test_flight_starts_and_lands_softly():
@@ -47,6 +47,6 @@ def test_speakers_step_and_listeners_hardly():
 
 def test_stances_stay_near_the_middle_and_feet_apart():
     steps, _ = stances(600.0, [(0.0, 600.0)], np.random.default_rng(2), Manner(liveliness=0.3), 0.5)
-    feet = walked(18_000, steps).position
+    feet = walked(18_000, steps).foot_position
     assert np.abs(feet[..., [0, 2]]).max() < 0.55
     assert np.linalg.norm(feet[::30, 0] - feet[::30, 1], axis=-1).min() > 0.09

@@ -62,9 +62,9 @@ def test_the_missing_top_of_speech_is_filled():
     assert abs(band_db(filled, 500, 4000) - band_db(speech, 500, 4000)) < 0.2
 
 
-@pytest.mark.parametrize("kind", ["room", "air", "hiss", "hum"])
-def test_backgrounds_have_unit_level(kind):
-    noise = background(np.random.default_rng(0), 48000, kind)
+@pytest.mark.parametrize("seed", range(8))
+def test_backgrounds_have_unit_level(seed):
+    noise = background(np.random.default_rng(seed), 48000)
     assert np.sqrt(np.mean(noise**2)) == pytest.approx(1.0, rel=0.01)
 
 

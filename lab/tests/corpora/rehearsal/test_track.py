@@ -9,7 +9,7 @@ def rms(track, span) -> float:
     return float(np.sqrt(np.mean(part**2)))
 
 
-@pytest.mark.parametrize("mix", ["mixed", "speech", "music", "silence"])
+@pytest.mark.parametrize("mix", ["mixed", "speech", "music"])
 def test_a_track_is_exactly_as_long_as_asked_and_fully_labelled(mix):
     track = compose_track(1, 20.0, mix, engine="own")
     assert len(track.audio) == 600 * 800
@@ -59,7 +59,6 @@ def test_silence_is_much_quieter_than_sound():
 
 
 def test_a_mix_holds_only_its_kind_of_sound():
-    assert not compose_track(2, 15.0, "silence").syllables
     assert len(compose_track(2, 15.0, "music").beats) > 4
     assert not len(compose_track(2, 15.0, "speech", engine="own").beats)
 

@@ -6,7 +6,7 @@ Places are (u, v) in 0..1 with v downwards, as glTF has them; rectangles are (le
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numba import njit
 
 SIZE = 2048
@@ -110,7 +110,6 @@ def noise(points: Float[np.ndarray, "... 3"], scale: float, seed: int) -> Float[
     return np.asarray(map_coordinates(grid, flat, order=1, mode="grid-wrap").reshape(points.shape[:-1]))
 
 
-def corners(quads: Int[np.ndarray, "f 4"], values: Float[np.ndarray, "v d"]) -> Float[np.ndarray, "t 3 d"]:
-    """Values of vertices at the corners of the quads' triangles."""
-    per = values[quads]
+def corners(per: Float[np.ndarray, "f 4 d"]) -> Float[np.ndarray, "t 3 d"]:
+    """Values of the quads' corners at the corners of their triangles."""
     return np.concatenate([per[:, [0, 1, 2]], per[:, [0, 2, 3]]])

@@ -193,17 +193,13 @@ def bone_ends() -> dict[str, tuple[Int[np.ndarray, " a"], Int[np.ndarray, " b"]]
         for end in ("head", "tail"):
             place = bone[end]
             if place["strategy"] == "CUBE":
-                sides.append(_cube(place["cube_name"]))
+                sides.append(load_base().vertices_of(place["cube_name"]))
             elif place["strategy"] == "VERTEX":
                 sides.append(np.array([place["vertex_index"]]))
             else:
                 sides.append(np.array(place["vertex_indices"]))
         ends[vrm_name(name)] = (sides[0], sides[1])
     return ends
-
-
-def _cube(name: str) -> Int[np.ndarray, " n"]:
-    return load_base().vertices_of(name)
 
 
 def vrm_name(name: str) -> str:

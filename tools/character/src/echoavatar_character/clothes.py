@@ -15,7 +15,7 @@ from .base import load_base
 from .body import Body
 from .pieces import COLLAR_SPOT, charted, hemmed
 from .pieces import cut as divided
-from .surface import Surface, border, make, normals, smoothed, subdivided
+from .surface import Surface, between, border, make, normals, smoothed, subdivided
 
 Points = Float[np.ndarray, "v 3"]
 Field = Float[np.ndarray, " v"]
@@ -166,13 +166,7 @@ def collar(body: Body, top: Surface) -> Surface:
     for out, up in rows:
         points.append(np.stack([(far + out) * np.sin(at), low + up, (far + out) * np.cos(at)], 1) + middle)
     count, grid = len(at), np.concatenate(points)
-    quads = np.array(
-        [
-            [r * count + i, (r + 1) * count + i, (r + 1) * count + i + 1, r * count + i + 1]
-            for r in range(len(rows) - 1)
-            for i in range(count - 1)
-        ]
-    )
+    quads = between(len(rows), count)
     fallen = np.repeat([0.0] * 5 + [0.3, 0.8, 1, 1], count)[:, None]
     for _ in range(4):
         near = cKDTree(top.positions).query(grid)[1]

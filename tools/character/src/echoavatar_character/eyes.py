@@ -5,11 +5,13 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from echoavatar.motion.arkit import ARKIT_NAMES
+
 from . import atlas
 from .base import load_base
 from .body import Body, Eye
 from .person import Person
-from .surface import Surface, border, make
+from .surface import Surface, between, border, make
 
 AROUND, RINGS = 24, 14
 FAR = np.radians(112)  # how far back the eyeball reaches
@@ -36,13 +38,7 @@ def eyeball(body: Body, side: str) -> Surface:
         ]
     )
     spots = np.concatenate([0.5 + 0.5 * a / FAR * ring * [1, -1] for a in angles])
-    quads = np.array(
-        [
-            [i * AROUND + k, (i + 1) * AROUND + k, (i + 1) * AROUND + (k + 1) % AROUND, i * AROUND + (k + 1) % AROUND]
-            for i in range(RINGS - 1)
-            for k in range(AROUND)
-        ]
-    )
+    quads = between(RINGS, AROUND, is_closed=True)
     shade = 1 - 0.38 * np.clip((points[:, 1] / eye.radius - 0.10) / 0.5, 0, 1) ** 1.2
     shade = shade * (1 - 0.25 * np.clip(np.abs(points[:, 0]) / eye.radius - 0.45, 0, 1))
     moves = {}
@@ -135,8 +131,6 @@ def lashes(body: Body, side: str) -> Surface:
     distance, near = cKDTree(body.points[owner]).query(places, 4)
     share = 1 / (distance + 1e-5)
     share /= share.sum(1, keepdims=True)
-    from echoavatar.motion.arkit import ARKIT_NAMES
-
     moves = {}
     for name in ARKIT_NAMES:
         move = body.move(name)[owner]

@@ -1,5 +1,6 @@
 """Hair: ribbons of strands that grow from the scalp, follow it and fall; a painted cap closes what they leave open."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ class Scalp:
         piece = part(skin, (head & near)[skin.quads].all(1))
         ears = _ears(body, len(skin.positions))[np.unique(skin.quads[(head & near)[skin.quads].all(1)])]
         smooth = smoothed(piece.positions, piece.quads, 60, np.clip(ears * 3, 0, 1))
-        piece = subdivided(piece.with_positions(smooth))
+        piece = subdivided(replace(piece, positions=smooth))
         self.points, self.quads = piece.positions, piece.quads
         self.normals = normals(self.points, self.quads)
         self._tree = cKDTree(self.points)

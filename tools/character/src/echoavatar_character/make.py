@@ -72,39 +72,32 @@ def textures(body: Body, whole: Surface, parts: list[Surface]) -> Textures:
     ):
         left, top, right, bottom = (round(x * atlas.SIZE) for x in rect)
         margin = 12 if rect is not atlas.EYE else 0
-        fitted = Image.fromarray(np.round(image * 255).astype(np.uint8)).resize(
-            (right - left + 2 * margin, bottom - top + 2 * margin)
-        )
+        fitted = _picture(image).resize((right - left + 2 * margin, bottom - top + 2 * margin))
         picture[top - margin : bottom + margin, left - margin : right + margin] = np.asarray(fitted) / 255
     strands = hair.paint_hair(body.person)
     grey = np.clip(strands[..., :3].mean(2) / (np.array(body.person.hair).mean() / 255), 0, 1.8) / 1.8
     pair = np.stack([grey, strands[..., 3]], 2)
     pair = np.round(np.round(pair * 20) / 20 * 255).astype(np.uint8)
     return Textures(
-        atlas=_within(_coloured(picture), ATLAS_BYTES),
+        atlas=_within(_picture(picture), ATLAS_BYTES),
         hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
         **{
-            outfit_picture(i): _within(_coloured(tailor.picture(body, outfit, parts)), OUTFIT_BYTES)
+            outfit_picture(i): _within(_picture(tailor.picture(body, outfit, parts)), OUTFIT_BYTES)
             for i, outfit in enumerate(body.person.outfits)
         },
         knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
         twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
-        skin_normal=_encoded(_coloured(skin.relief(body, whole, scalp)), "JPEG", quality=78),
-        skin_roughness=_encoded(_grey(skin.roughness(body, whole, scalp)), "JPEG", quality=85),
+        skin_normal=_encoded(_picture(skin.relief(body, whole, scalp)), "JPEG", quality=78),
+        skin_roughness=_encoded(_picture(skin.roughness(body, whole, scalp)), "JPEG", quality=85),
     )
 
 
 def _normals(heights: Float[np.ndarray, "h w"], depth: float) -> bytes:
-    made = Image.fromarray(np.round(fabric.normal_map(heights, depth) * 255).astype(np.uint8))
-    return _encoded(made, "JPEG", quality=85, subsampling=0)
+    return _encoded(_picture(fabric.normal_map(heights, depth)), "JPEG", quality=85, subsampling=0)
 
 
-def _coloured(picture: Float[np.ndarray, "h w 3"]) -> Image.Image:
-    return Image.fromarray(np.round(picture * 255).astype(np.uint8))
-
-
-def _grey(picture: Float[np.ndarray, "h w"]) -> Image.Image:
-    return Image.fromarray(np.round(picture * 255).astype(np.uint8))
+def _picture(values: Float[np.ndarray, "h w *c"]) -> Image.Image:
+    return Image.fromarray(np.round(values * 255).astype(np.uint8))
 
 
 def _within(image: Image.Image, most: int) -> bytes:

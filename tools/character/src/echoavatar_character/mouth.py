@@ -8,7 +8,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from . import atlas
 from .base import load_base
 from .body import Body
-from .surface import Surface, make
+from .surface import Surface, between, make
 
 WIDTHS = (8.6, 6.6, 7.6, 7.0, 6.8, 9.5, 9.0)  # millimetres of the teeth of one side, from the middle
 PER_TOOTH = 4
@@ -57,13 +57,7 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         shade = (1 if upper else 0.86) * (0.65 if depth < -0.002 else 1)  # the lip is above the lower row
         tints.append(tone * (1 - 0.62 * from_middle[:, None] ** 1.6) * shade)
     points, count = np.concatenate(rows), len(share)
-    quads = np.array(
-        [
-            [r * count + i, r * count + i + 1, (r + 1) * count + i + 1, (r + 1) * count + i]
-            for r in range(len(rows) - 1)
-            for i in range(count - 1)
-        ]
-    )
+    quads = between(len(rows), count)[:, [0, 3, 2, 1]]
     if upper:  # rows run from the gum to the edge: downwards above, upwards below
         quads = quads[:, ::-1]
     spots = np.tile(atlas.within(atlas.TEETH, np.array([[0.5, 0.5]])), (len(quads), 4, 1))

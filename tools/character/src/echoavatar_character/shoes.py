@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from . import fit
 from .body import Body
 from .pieces import charted, cut, hemmed
-from .surface import Surface, make, normals, smoothed, subdivided
+from .surface import Surface, between, make, normals, smoothed, subdivided
 
 
 def shoes(body: Body, cloth: Surface) -> list[Surface]:
@@ -63,13 +63,7 @@ def _sole(upper: Surface, ground: float) -> Surface:
         rows.append(np.stack([moved[:, 0], ground + height + rise * (0.6 if height < 0.01 else 1), moved[:, 1]], 1))
     rows.append(np.tile([middle[0], ground, middle[1]], (44, 1)))
     points = np.concatenate(rows)
-    quads = np.array(
-        [
-            [r * 44 + i, r * 44 + (i + 1) % 44, (r + 1) * 44 + (i + 1) % 44, (r + 1) * 44 + i]
-            for r in range(len(rows) - 1)
-            for i in range(44)
-        ]
-    )
+    quads = between(len(rows), 44, is_closed=True)[:, [0, 3, 2, 1]]
     if np.mean(np.einsum("vi,vi->v", normals(points, quads)[:176], points[:176] - points.mean(0))) < 0:
         quads = quads[:, ::-1]
     weights = upper.weights[cKDTree(upper.positions).query(points)[1]]

@@ -8,6 +8,8 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
+from echoavatar.motion.arkit import ARKIT_NAMES
+
 from . import atlas, fit
 from .base import load_base, mask
 from .body import Body
@@ -31,8 +33,6 @@ def whole_skin(body: Body) -> Surface:
     quads = base.groups["body"]
     uvs = base.uvs[base.uv_quads[quads]]
     flipped = np.stack([uvs[..., 0], 1 - uvs[..., 1]], -1)
-    from echoavatar.motion.arkit import ARKIT_NAMES
-
     count = int(base.quads[quads].max()) + 1
     moves = {name: body.move(name)[:count] for name in ARKIT_NAMES}
     for name in ARKIT_NAMES:  # the creases of a full smile are sharper than the mesh
@@ -128,8 +128,10 @@ def _texels(
     base = load_base()
     raw = base.uvs[base.uv_quads[base.groups["body"]]]
     raw = np.stack([raw[..., 0], 1 - raw[..., 1]], -1)
-    places, others = (atlas.corners(skin.quads, values) for values in (skin.positions, more))
-    spread, covered = atlas.spread(_corners(skin.uvs), np.concatenate([places, _corners(raw), others], 2), size)
+    places, others = (atlas.corners(values[skin.quads]) for values in (skin.positions, more))
+    spread, covered = atlas.spread(
+        atlas.corners(skin.uvs), np.concatenate([places, atlas.corners(raw), others], 2), size
+    )
     spread = atlas.filled(spread, covered)
     return spread[..., :3], spread[..., 3:5], spread[..., 5:]
 
@@ -256,10 +258,6 @@ def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
         wide = LINER * body.person.lash_length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
         shade[near] = np.maximum(shade[near], np.clip(1.5 - far / wide, 0, 1))
     return shade * min(1.0, body.person.lash_length)
-
-
-def _corners(uvs: Float[np.ndarray, "f 4 d"]) -> Float[np.ndarray, "t 3 d"]:
-    return np.concatenate([uvs[:, [0, 1, 2]], uvs[:, [0, 2, 3]]])
 
 
 def _sample(picture: Float[np.ndarray, "h w"], uv: Float[np.ndarray, "h w 2"]) -> Float[np.ndarray, "h w"]:

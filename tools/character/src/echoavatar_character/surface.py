@@ -23,10 +23,6 @@ class Surface:
     moves: dict[str, Float[np.ndarray, "v 3"]] = field(default_factory=dict)
     normals: Float[np.ndarray, "v 3"] | None = None  # None: from the quads
 
-    def with_positions(self, positions: Float[np.ndarray, "v 3"]) -> "Surface":
-        """The same surface elsewhere."""
-        return replace(self, positions=positions)
-
 
 def make(
     positions: Float[np.ndarray, "v 3"],
@@ -58,6 +54,13 @@ def part(surface: Surface, keep: Bool[np.ndarray, " f"]) -> Surface:
         moves={name: move[used] for name, move in surface.moves.items()},
         normals=None if surface.normals is None else surface.normals[used],
     )
+
+
+def between(rows: int, columns: int, *, is_closed: bool = False) -> Int[np.ndarray, "f 4"]:
+    """Quads between neighbouring rows of points that are numbered row by row; closed rows end where they begin."""
+    at = np.arange(rows * columns).reshape(rows, columns)
+    at = np.concatenate([at, at[:, :1]], 1) if is_closed else at
+    return np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], -1).reshape(-1, 4)
 
 
 def triangles(quads: Int[np.ndarray, "f 4"]) -> Int[np.ndarray, "t 3"]:
@@ -95,20 +98,14 @@ def smoothed(
     quads: Int[np.ndarray, "f 4"],
     passes: int,
     share: Float[np.ndarray, " v"] | float = 0.5,
-    *,
-    hold_border: bool = True,
 ) -> Float[np.ndarray, "v d"]:
     """Move values towards the mean of their neighbours; a border is smoothed along itself."""
     count = len(values)
-    pairs = edges(quads)
-    if hold_border:
-        rim = border(quads)
-        on_rim = np.zeros(count, bool)
-        on_rim[rim] = True
-        inner = np.concatenate([pairs, pairs[:, ::-1]])
-        pairs = np.concatenate([inner[~on_rim[inner[:, 0]]], rim, rim[:, ::-1]])
-    else:
-        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs, rim = edges(quads), border(quads)
+    on_rim = np.zeros(count, bool)
+    on_rim[rim] = True
+    inner = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = np.concatenate([inner[~on_rim[inner[:, 0]]], rim, rim[:, ::-1]])
     around = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
     around.data[:] = 1  # an edge of two quads counts once
     degree = np.asarray(around.sum(1))

@@ -66,9 +66,8 @@ def picture(body: Body, worn: Outfit, pieces: Sequence[Surface], size: int = SIZ
         if piece.material not in CHARTS:
             continue
         arm = piece.weights[:, ARM_NAMES].sum(1, keepdims=True)
-        values = atlas.corners(piece.quads, np.concatenate([piece.positions, arm], 1))
-        corners = np.concatenate([piece.uvs[:, [0, 1, 2]], piece.uvs[:, [0, 2, 3]]])
-        drawn, here = atlas.spread(corners, values, size)
+        values = atlas.corners(np.concatenate([piece.positions, arm], 1)[piece.quads])
+        drawn, here = atlas.spread(atlas.corners(piece.uvs), values, size)
         painted = PAINTERS[piece.material](Cloth(body, worn, drawn[..., :3], drawn[..., 3]))
         image = np.where(here[..., None] > 0, painted, image)
         covered = np.maximum(covered, here)

@@ -10,7 +10,7 @@ import io
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -72,10 +72,7 @@ SWING_FROM = 0.045  # metres above the head's joint, where hair begins to swing
 FACE_HALF = np.radians(35)  # to each side of the front no hair hangs
 
 
-class Chain(NamedTuple):
-    """Spring bones from the root to the tail."""
-
-    places: Float[np.ndarray, "k 3"]
+Chain = Float[np.ndarray, "k 3"]  # places of spring bones, from the root to the tail
 
 
 def _binds(curves: Mapping[str, float]) -> dict[str, Any]:
@@ -164,7 +161,7 @@ def hair_chains(character: Character) -> list[Chain]:
     head = REST[HUMANOID.index("head")].astype(float)
     turn, top = _around(hair, head), head[1] + SWING_FROM
     made = []
-    for middle in _sectors():
+    for middle in np.linspace(FACE_HALF, 2 * np.pi - FACE_HALF, CHAINS):
         near = hair[(np.abs(turn - middle) < (np.pi - FACE_HALF) / CHAINS) & (hair[:, 1] < top + 0.02)]
         if len(near) < 20:
             continue
@@ -172,7 +169,7 @@ def hair_chains(character: Character) -> list[Chain]:
         reach = np.hypot(near[:, 0] - head[0], near[:, 2] - head[2])
         nearest = np.abs(near[:, 1] - heights[:, None]) < 0.02
         far = np.array([reach[level].mean() if level.any() else reach.mean() for level in nearest])
-        made.append(Chain(np.stack([head[0] + far * np.sin(middle), heights, head[2] + far * np.cos(middle)], 1)))
+        made.append(np.stack([head[0] + far * np.sin(middle), heights, head[2] + far * np.cos(middle)], 1))
     return made
 
 
@@ -184,14 +181,14 @@ def with_chains(character: Character, chains: list[Chain]) -> Character:
     head = HUMANOID.index("head")
     middle = REST[head]
     points = character.positions[rows]
-    turns = np.array([_around(chain.places[:1], middle)[0] for chain in chains])
+    turns = np.array([_around(chain[:1], middle)[0] for chain in chains])
     apart = np.abs(_around(points, middle)[:, None] - turns)
     near = np.argsort(apart, 1)[:, :2]
     weight = 1 / (np.take_along_axis(apart, near, 1) + 0.02) ** 2
     weight /= weight.sum(1, keepdims=True)
     joints, shares = np.zeros((len(rows), 4), np.uint8), np.zeros((len(rows), 4), np.float32)
     for i in range(2):
-        heights = np.stack([chains[c].places[:, 1] for c in near[:, i]])
+        heights = np.stack([chains[c][:, 1] for c in near[:, i]])
         step = (heights[:, 0] - heights[:, -1]) / LINKS
         depth = np.clip((heights[:, 0] - points[:, 1]) / step, 0, LINKS - 1e-4)
         link, within = np.floor(depth).astype(int), depth % 1
@@ -215,7 +212,7 @@ def _springs(document: dict[str, Any], buffer: Buffer, chains: list[Chain]) -> d
     nodes, head = document["nodes"], HUMANOID.index("head")
     origin = REST
     binds, joints, springs = [-origin], [], []
-    for number, (places,) in enumerate(chains):
+    for number, places in enumerate(chains):
         parent, at, line = head, origin[head], []
         for link, place in enumerate(places):
             nodes.append({"name": f"hair{number}_{link}", "translation": [round(float(x), 6) for x in place - at]})
@@ -261,10 +258,6 @@ def _hair(character: Character) -> Float[np.ndarray, " v"]:
 def _around(points: Float[np.ndarray, "n 3"], middle: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " n"]:
     """The angle around the head from the front, 0 to 2 pi."""
     return np.asarray(np.arctan2(points[:, 0] - middle[0], points[:, 2] - middle[2]) % (2 * np.pi))
-
-
-def _sectors() -> Float[np.ndarray, " c"]:
-    return np.linspace(FACE_HALF, 2 * np.pi - FACE_HALF, CHAINS)
 
 
 def main() -> None:

@@ -7,12 +7,14 @@ stretch lifts it; one that lands far from it takes a step of its own.
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.spatial.distance import cdist
 
+from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import (
     ANKLE_HEIGHT,
@@ -33,6 +35,10 @@ from echoavatar_lab.corpora.controls import (
     unwound,
 )
 
+from .library import CapturedLibrary
+
+IDLE, TALKING = 0.25, 1.0  # liveliness of bodies that wait, and of those that talk
+SHORTEST_S = 4.0  # of a clip
 EVERY = 5  # frames between places where a join may happen
 AHEAD_S = 5.0  # what a place leads to is judged over this time
 STRETCH_S = 4.0, 11.0  # of one clip
@@ -42,7 +48,7 @@ VELOCITY_S = 0.15  # weight of velocities against positions
 FADE_S, STEP_S = 0.9, 0.46
 KEPT_M, KEPT_RAD = 0.07, 0.25  # a foot that is off by less keeps its place
 NEAR_M, FRONT_RAD = 0.25, 0.45  # a body further off is brought back by steps
-TALKING = {"sway": 0.084, "lean": 0.077, "turn": 0.082, "feet": 0.08}  # people talking: metres, radians, m/s
+TALKERS = {"sway": 0.084, "lean": 0.077, "turn": 0.082, "feet": 0.08}  # people talking: metres, radians, m/s
 LEVEL = 0.7  # of a larger lean is taken back by the head, which looks ahead
 WEIGHTS = {"sway": 0.3, "lean": 0.4, "turn": 0.2, "feet": 0.3}  # of these in the choice of what comes next
 CHOICE, LEAST = 0.35, 0.05  # width of the choice, in powers of e
@@ -124,8 +130,8 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
         mean: Array = uniform_filter1d(values.astype(np.float64), window, mode="nearest", origin=-(window // 2))
         return mean
 
-    found = [np.sqrt((ahead(c**2) - ahead(c) ** 2).clip(0)) / TALKING[name] for name, c in curves.items()]
-    found.append(ahead(steps.mean(1)) / TALKING["feet"])
+    found = [np.sqrt((ahead(c**2) - ahead(c) ** 2).clip(0)) / TALKERS[name] for name, c in curves.items()]
+    found.append(ahead(steps.mean(1)) / TALKERS["feet"])
     aside = controls.pelvis_rotation[:, 2] + 0.55 * controls.spine[:, 2]
     wild = (np.abs(lean) > LEAN) | (np.abs(aside) > LEAN_ASIDE) | (place[:, 1] < 0.82)
     wild |= np.abs(controls.spine[:, 0]) > 0.7
@@ -134,6 +140,19 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
     spread = sum(ahead(c**2) - ahead(c) ** 2 for c in away)
     is_out = (ahead(wild.astype(float)) > 0) | (spread > 0.07)
     return np.where(is_out[:, None], np.inf, np.stack(found, 1))
+
+
+@lru_cache(maxsize=2)
+def standing_graph(library: CapturedLibrary) -> MotionGraph:
+    """People who stand, shift their weight and look about; bodies that talk also do what clips of speech show.
+
+    Raises MotionError if the library has nobody who stands.
+    """
+    clips = [clip for clip in library.of("standing", "speech", "gesture") if clip.seconds > SHORTEST_S]
+    waiting = [clip.kind == "standing" for clip in clips]
+    if not any(waiting):
+        raise MotionError("the library has no clip of kind standing longer than 4 s; bodies need one")
+    return MotionGraph([clip.controls for clip in clips], waiting)
 
 
 def walk(graph: MotionGraph, liveliness: Float[np.ndarray, " t"], rng: np.random.Generator) -> Controls:
@@ -199,7 +218,7 @@ def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Contr
     if wanted < QUIET:
         size = float(rng.uniform(*SIZES["sway"]))
         return varied(controls, sway=size, lean=size, turn=size)
-    own = {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
+    own = {name: float(curve.std()) / TALKERS[name] for name, curve in _sway_lean_turn(controls).items()}
     goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
     sizes = {name: float(np.clip(goal[name] / (own[name] + 1e-3), *SIZES[name])) for name in SIZES}
     sizes["sway"] = min(sizes["sway"], max(0.7, 1 / max(float(overhang(controls).max()), 1e-3)))

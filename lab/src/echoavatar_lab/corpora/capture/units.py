@@ -40,7 +40,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class GestureUnit:
-    """Both hands of one gesture as `gesture.idle.hands_of` gives them, at 30 fps; the busier hand is the first."""
+    """Both hands of one gesture as `Controls.hands` gives them, at 30 fps; the busier hand is the first."""
 
     hands: Float[Array, "t 2 14"]
     meaning: str
@@ -95,8 +95,7 @@ def cut_out(controls: Controls, row: Row) -> Controls:
 
 def gesture_unit(controls: Controls, meaning: str) -> GestureUnit:
     """A clip of a unit, from where its hands wake up; the hand that moves more comes first."""
-    swing = controls.elbow_swing[..., None]
-    hands = np.concatenate([controls.wrist, controls.palm, swing, controls.fingers], axis=-1)
+    hands = controls.hands()
     speed = np.linalg.norm(np.diff(hands[..., :3], axis=0), axis=-1)
     first, ways = int(np.argmax(speed.max(1) >= AWAKE * speed.max())), speed.sum(0)
     return GestureUnit(hands[first:, np.argsort(-ways)], meaning, bool(ways.min() > IDLE * ways.max()))

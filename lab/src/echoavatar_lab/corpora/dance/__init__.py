@@ -1,4 +1,4 @@
 """Music to motion: dances by rule and by captured people.
 
-May import `capture`, `controls`, `keyframes`, `sound` and `echoavatar`.
+May import `capture`, `controls`, `keyframes`, `solver`, `sound` and `echoavatar`.
 """

@@ -3,15 +3,15 @@
 import numpy as np
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.capture.dance_graph import dance_graph
-from echoavatar_lab.corpora.capture.dances import Piece, can_dance, captured_dance
 from echoavatar_lab.corpora.capture.library import CapturedLibrary
 
 from ..controls import Controls, concatenated
 from ..sound import SoundTrack
 from . import bends
 from .dance import dance, danced
+from .dance_graph import dance_graph
 from .grooves import Counts, find_counts
+from .phrases import can_dance, captured_dance
 
 BY_RULE = 0.05  # of the pieces that captured people could dance
 SALSA, STREET, MODERN = ("salsa_lead", "salsa_follow"), ("street", "keyed"), ("modern", "whirl")
@@ -54,25 +54,14 @@ def with_captured(
 
     They come to rest after the span, at `until` seconds at the latest.
     """
-    graph, piece = dance_graph(library), _piece(counts)
+    dances = dance_graph(library)
     kinds = DANCERS.get(counts.groove.name, ())
     chosen = [kinds[i] for i in rng.permutation(len(kinds))]
-    groups = next((groups for groups in chosen if can_dance(graph, groups, piece)), None)
+    groups = next((groups for groups in chosen if can_dance(dances, groups, counts)), None)
     if groups is None or rng.random() < BY_RULE:
         return dance
-    first, made = captured_dance(graph, groups, piece, rng)
-    begin = max(round(piece.start * FRAME_RATE_HZ), first, 0)
+    first, made = captured_dance(dances, groups, counts, rng)
+    begin = max(round(counts.start * FRAME_RATE_HZ), first, 0)
     end = min(first + len(made), round(until * FRAME_RATE_HZ), len(dance))
     parts = (dance[:begin], made[begin - first : end - first], dance[end:])
     return concatenated([part for part in parts if len(part)])
-
-
-def _piece(counts: Counts) -> Piece:
-    """The beats of a music span; they go on beyond its ends."""
-    ends = np.array([counts.at(first) for first, _, _ in counts.sections])
-    energies = [energy for _, _, energy in counts.sections]
-
-    def energy(time: float) -> float:
-        return energies[max(int(np.searchsorted(ends, time + 1e-6)) - 1, 0)]
-
-    return Piece(lambda number: counts.at(number / counts.unit), counts.start, counts.end, counts.metre, energy)

@@ -66,6 +66,10 @@ class Counts:
             return float(self.times[last] + (count - last) * self.length(last - 1))
         return float(np.interp(count, np.arange(last + 1), self.times))
 
+    def beat(self, number: float) -> float:
+        """Time of a beat by its number; 0 is the first count, and beats go on beyond the ends."""
+        return self.at(number / self.unit)
+
     def length(self, count: int) -> float:
         """Seconds from a count to the next one."""
         at = min(max(count, 0), len(self.times) - 2)

@@ -23,7 +23,7 @@ from .gesture_cues import Cue, gesture_cues
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents
-from .idle import finger_drift, hands_of, idle, resting_hands, with_hands
+from .idle import finger_drift, idle, resting_hands, with_hands
 from .lexicon import ACCENTS, HOME, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
 from .speakers import arousal, energy_of, pace_of, resting_of
 
@@ -64,16 +64,14 @@ def gesture(
     manner, rng = manner or draw_manner(seed), np.random.default_rng([seed, 3])
     body = idle(track, seed, library, manner)
     frames = len(body)
-    rest = resting_hands(resting_of(manner))
-    units = gesture_units(library) if library is not None else ()
-    speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest, units)
+    speaker = _Speaker(manner, rng, gesture_units(library) if library is not None else ())
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
         excited = arousal(track, phrase)
         minor = [s.vowel for s in track.syllables if phrase[0] <= s.vowel < phrase[1] and s.prominence > MINOR]
         cues = gesture_cues(track, phrase, pace_of(manner) * excited**0.5, rng)
         speaker.say(phrase, cues, following, energy_of(manner) * excited, minor)
-    moved = smoothed(np.stack([path.curve(frames) for path in speaker.hands], axis=1), 0.03) - rest
+    moved = smoothed(np.stack([path.curve(frames) for path in speaker.hands], axis=1), 0.03) - speaker.rest
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
     moved[..., FINGERS] += finger_drift(frames, rng) * (0.4 + 0.8 * lively)
     drift = 0.6 * wander(frames, 6, period=1.1, rng=rng) + wander(frames, 6, period=2.4, rng=rng)
@@ -83,7 +81,7 @@ def gesture(
     head, spine = head_accents(track, energy_of(manner), rng)
     posture, hinge = postures(track, manner, rng, POSTURE if library is None else POSTURE_CAPTURED)
     turned = body.pelvis_rotation + hinge * np.array([0.0, 1.0, 0.0], np.float32)
-    resting = hands_of(body)
+    resting = body.hands()
     speaking = replace(body, spine=body.spine + spine + posture, pelvis_rotation=turned, head=body.head + head)
     speaking = with_following_torso(with_hands(speaking, resting + moved), resting, manner)
     return with_steady_head(speaking, body)
@@ -105,15 +103,10 @@ def with_clock_of(body: Controls, hands: Float[Array, "t 2 3"]) -> Controls:
 class _Speaker:
     """Plans the paths of both hands phrase by phrase, and remembers which hand leads and where its home is."""
 
-    def __init__(
-        self,
-        manner: Manner,
-        rng: np.random.Generator,
-        hands: list[HandPath],
-        rest: Array,
-        units: tuple[GestureUnit, ...],
-    ) -> None:
-        self.manner, self.rng, self.hands, self.rest, self.units = manner, rng, hands, rest, units
+    def __init__(self, manner: Manner, rng: np.random.Generator, units: tuple[GestureUnit, ...]) -> None:
+        self.manner, self.rng, self.units = manner, rng, units
+        self.rest = resting_hands(resting_of(manner))
+        self.hands = [HandPath(rest.copy()) for rest in self.rest]
         self.energy = energy_of(manner)
         self.up = [False, False]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))

@@ -4,16 +4,12 @@ A hand is one vector: wrist 3, palm 3, elbow swing 1, fingers 7 (`pack_hand`). A
 previous aim and the new one, so a move may start before the previous one has ended.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import air, minimum_jerk
-
-Array = np.ndarray
+from ..controls import Array, air, minimum_jerk
 
 HAND_WIDTH = 14
 WRIST, PALM, SWING, FINGERS = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 14)
@@ -30,17 +26,13 @@ def pack_hand(
     return np.concatenate([wrist, palm, [swing], fingers]).astype(np.float32)
 
 
-@dataclass
 class HandPath:
     """Moves of one hand, in order of their starts; `aim` is where the last one ends."""
 
-    aim: Float[Array, " 14"]
-    _start: Float[Array, " 14"] = field(init=False)
-    _moves: list[tuple[float, float, Array, Array]] = field(default_factory=list)
-    _followed: list[tuple[float, Array]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._start = self.aim.copy()
+    def __init__(self, aim: Float[Array, " 14"]) -> None:
+        self.aim, self._start = aim, aim.copy()
+        self._moves: list[tuple[float, float, Array, Array]] = []
+        self._followed: list[tuple[float, Array]] = []
 
     def move(self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None) -> None:
         """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres.

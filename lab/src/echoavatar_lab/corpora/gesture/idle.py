@@ -12,15 +12,14 @@ from jaxtyping import Float
 from echoavatar.models.generator.manner import Manner, draw_manner
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.capture.library import CapturedLibrary
-from echoavatar_lab.corpora.capture.standing import IDLE, TALKING
-from echoavatar_lab.corpora.capture.standing import standing as captured_standing
+from echoavatar_lab.corpora.capture.motion_graph import IDLE, TALKING, standing_graph, walk
 
-from ..controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critically_damped, neutral, smoothed, wander
+from ..controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critically_damped, smoothed, wander
 from ..sound import SoundTrack, bridged
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .speakers import resting_of
-from .stance import Feet, stances, walked, weight_curve
+from .stance import stances, walked, weight_curve
 
 REACTION_S, ARMS_S = 0.15, 0.4  # from the sound to the body's answer; for the arms to come to rest
 BREATH_HZ = 0.21, 0.30
@@ -74,9 +73,9 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
         first, last = (round((time + REACTION_S) * FRAME_RATE_HZ) for time in (begin, end))
         wanted[first:last] = TALKING * rng.uniform(0.8, 1.2) * (0.95 + 0.6 * manner.liveliness)
         resting[first:last] = 1.0
-    body = captured_standing(library, frames, rng, liveliness=wanted)
+    body = walk(standing_graph(library), wanted, rng)
     share = critically_damped(resting, ARMS_S)[:, None, None]
-    captured, rest = hands_of(body), resting_hands(resting_of(manner))
+    captured, rest = body.hands(), resting_hands(resting_of(manner))
     hands = captured + share * (rest - captured)
     hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     breath = breathing(frames, float(rng.uniform(*BREATH_HZ)), rng)
@@ -87,7 +86,7 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
 
 
 def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:
-    """The same motion with other hands."""
+    """The same motion with other hands, as `Controls.hands` gives them."""
     return replace(
         body,
         wrist=_f32(hands[..., 0:3]),
@@ -97,24 +96,16 @@ def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:
     )
 
 
-def hands_of(controls: Controls) -> Float[Array, "t 2 14"]:
-    """Inverse of `with_hands`."""
-    swing = controls.elbow_swing[..., None]
-    return np.concatenate([controls.wrist, controls.palm, swing, controls.fingers], axis=-1)
-
-
-def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -> Controls:
-    """Pelvis and spine over given feet; `weight` is -1 on the right leg, +1 on the left."""
-    frames = len(weight)
-    base = neutral(frames)
-    middle = smoothed(feet.position.mean(axis=1), 0.25)
-    across = smoothed(feet.position[:, 0] - feet.position[:, 1], 0.25)
-    sway = wander(frames, 2, period=2.5, rng=rng) * (0.004, 0.003)
+def standing(base: Controls, weight: Float[Array, " t"], rng: np.random.Generator) -> Controls:
+    """Pelvis and spine over the feet of a body; `weight` is -1 on the right leg, +1 on the left."""
+    middle = smoothed(base.foot_position.mean(axis=1), 0.25)
+    across = smoothed(base.foot_position[:, 0] - base.foot_position[:, 1], 0.25)
+    sway = wander(len(base), 2, period=2.5, rng=rng) * (0.004, 0.003)
     pelvis = base.pelvis_position.copy()
     pelvis[:, 0] = middle[:, 0] + across[:, 0] * 0.36 * weight + sway[:, 0]
     pelvis[:, 2] = middle[:, 2] + 0.015 + across[:, 2] * 0.36 * weight + sway[:, 1]
     pelvis[:, 1] = STANDING_PELVIS[1] - 0.006 * weight**2
-    heading = smoothed(feet.yaw.mean(axis=1), 0.3)
+    heading = smoothed(base.foot_yaw.mean(axis=1), 0.3)
     rotation = base.pelvis_rotation.copy()
     rotation[:, 0] = heading * 0.7 - 0.05 * weight
     rotation[:, 2] = 0.045 * weight
@@ -123,14 +114,7 @@ def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -
     spine[:, 2] -= 0.055 * weight
     head[:, 2] += 0.012 * weight
     return replace(
-        base,
-        pelvis_position=_f32(pelvis),
-        pelvis_rotation=_f32(rotation),
-        spine=_f32(spine),
-        head=_f32(head),
-        foot_position=feet.position,
-        foot_yaw=feet.yaw,
-        foot_pitch=feet.pitch,
+        base, pelvis_position=_f32(pelvis), pelvis_rotation=_f32(rotation), spine=_f32(spine), head=_f32(head)
     )
 
 

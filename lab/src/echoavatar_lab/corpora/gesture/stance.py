@@ -12,7 +12,7 @@ from jaxtyping import Float
 from echoavatar.models.generator.manner import Manner
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, air, minimum_jerk
+from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, Controls, air, minimum_jerk, neutral
 from ..keyframes import glide
 from .speakers import energy_of
 
@@ -34,20 +34,10 @@ class Step:
     lift: float = 0.045
 
 
-@dataclass(frozen=True)
-class Feet:
-    """Foot curves as in `Controls`."""
-
-    position: Float[Array, "t 2 3"]
-    yaw: Float[Array, "t 2"]
-    pitch: Float[Array, "t 2"]
-
-
-def walked(frames: int, steps: Sequence[Step]) -> Feet:
-    """Feet that stand at ease and take the given steps, in order of time."""
-    position = np.broadcast_to(np.array(STANDING_FEET, np.float32), (frames, 2, 3)).copy()
-    yaw = np.broadcast_to(np.array(STANDING_FOOT_YAW, np.float32), (frames, 2)).copy()
-    pitch = np.zeros((frames, 2), np.float32)
+def walked(frames: int, steps: Sequence[Step]) -> Controls:
+    """A body at ease whose feet take the given steps, in order of time."""
+    body = neutral(frames)
+    position, yaw, pitch = body.foot_position, body.foot_yaw, body.foot_pitch
     clock = np.arange(frames) / FRAME_RATE_HZ
     for step in steps:
         first = min(max(int(np.floor(step.begin * FRAME_RATE_HZ)), 0), frames)
@@ -58,7 +48,7 @@ def walked(frames: int, steps: Sequence[Step]) -> Feet:
         position[first:, side, 1] += step.lift * air(phase)
         yaw[first:, side] += (step.yaw - yaw[first:, side]) * share
         pitch[first:, side] += 7.0 * step.lift * air(np.clip(phase, 0, 0.7) / 0.7)
-    return Feet(position, yaw, pitch)
+    return body
 
 
 @dataclass(frozen=True)

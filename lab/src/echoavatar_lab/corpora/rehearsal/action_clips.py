@@ -141,16 +141,14 @@ _POINT_LEFT = Script(
 )
 
 
-def _right(arm: ArmPose, about: str, *, head: Triple = NOTHING) -> Script:
-    """The right arm goes into a pose and back."""
-    keys = _there_and_back(pose(None, arm, head=head), reach=0.55, stay=1.0, back=0.7)
-    return Script(keys, (0.55, 1.55), about, has_hands=True)
+def _right(arm: ArmPose, about: str, *shakes: Shake, left: ArmPose | None = None, head: Triple = NOTHING) -> Script:
+    """The right arm, or both, go into a pose and back."""
+    keys = _there_and_back(pose(left, arm, head=head), reach=0.55, stay=1.0, back=0.7)
+    return Script(keys, (0.55, 1.55), about, shakes, has_hands=True)
 
 
 def _both(arm: ArmPose, about: str, *shakes: Shake, head: Triple = NOTHING) -> Script:
-    """Both arms go into a pose and back."""
-    keys = _there_and_back(pose(arm, arm, head=head), reach=0.55, stay=1.0, back=0.7)
-    return Script(keys, (0.55, 1.55), about, shakes, has_hands=True)
+    return _right(arm, about, *shakes, left=arm, head=head)
 
 
 _ON_RIGHT = _right(ASIDE, "an open hand to the right: on the other hand, there", head=(-0.25, 0.05, 0.0))

@@ -75,12 +75,9 @@ def place_in_room(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
     return np.asarray(fftconvolve(audio, tail)[: len(audio)], dtype=np.float32)
 
 
-def background(rng: np.random.Generator, samples: int, kind: str = "") -> FloatArray:
-    """Noise (samples,) of unit RMS: "room" (brownish), "air" (pinkish), "hiss" (white) or "hum" (mains with harmonics).
-
-    Without a kind, one is drawn.
-    """
-    kind = kind or str(rng.choice(["room", "air", "hiss", "hum"]))
+def background(rng: np.random.Generator, samples: int) -> FloatArray:
+    """Noise (samples,) of unit RMS: a room (brownish), air (pinkish), hiss, or hum of the mains with harmonics."""
+    kind = str(rng.choice(["room", "air", "hiss", "hum"]))
     if kind == "hum":
         time = np.arange(samples) / SAMPLE_RATE_HZ
         base = float(rng.choice([50.0, 60.0]))

@@ -34,7 +34,7 @@ from ..speech.speech import draw_speaker, resolve_engine, speak
 from .augment import add_background, background, fill_band, set_loudness, treat
 from .recorded_sound import RecordedSound
 
-_MIXES = ("mixed", "speech", "music", "silence")
+_MIXES = ("mixed", "speech", "music")
 _SHARES = (0.0, 0.0, 0.5, 1.0, 1.0)  # of recorded parts in a track
 _recorded_sound = cache(RecordedSound)  # a folder is read once in a process
 _SUNG = 0.2  # chance that a synthetic voice sings over music, if there are recordings
@@ -51,7 +51,7 @@ def compose_track(
 ) -> SoundTrack:
     """Compose `seconds` of sound (rounded to whole frames); equal arguments give identical samples.
 
-    `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
+    `mix` is "mixed", "speech" or "music"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
     scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. With a folder of
     `recordings`, half of the sound comes from those that are marked "train", in either split.
 
@@ -104,8 +104,6 @@ class _TrackSettings:
 
 def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
     """The kind of the next part: after sound usually silence; "both" is speech over music."""
-    if mix == "silence":
-        return "silence"
     if previous in ("silence", ""):
         if mix != "mixed":
             return mix if previous or rng.random() < 0.7 else "silence"

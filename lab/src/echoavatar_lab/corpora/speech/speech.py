@@ -32,23 +32,20 @@ def resolve_engine(engine: str) -> str:
     return "flite"
 
 
-def draw_speaker(rng: np.random.Generator, engine: str = "auto") -> Delivery:
-    """A random speaker of an engine."""
-    return draw_delivery(rng, VOICES if resolve_engine(engine) == "flite" else FORMANT_VOICES)
+def draw_speaker(rng: np.random.Generator, engine: str) -> Delivery:
+    """A random speaker of the engine "flite" or "own"."""
+    return draw_delivery(rng, VOICES if engine == "flite" else FORMANT_VOICES)
 
 
-def speak(
-    sentences: tuple[Sentence, ...], speaker: Delivery, rng: np.random.Generator, engine: str = "auto"
-) -> SoundTrack:
+def speak(sentences: tuple[Sentence, ...], speaker: Delivery, rng: np.random.Generator, engine: str) -> SoundTrack:
     """Speak sentences in turn with short pauses; the track begins and ends with speech."""
-    tool = resolve_engine(engine)
     tracks: list[SoundTrack] = []
     for sentence in sentences:
         for group in _breaths(sentence):
             if tracks:
                 tracks.append(silence(draw_pause(rng)))
             seed = int(rng.integers(2**31))
-            said = flite().say(group, speaker, seed) if tool == "flite" else formant_say(group, speaker, seed)
+            said = flite().say(group, speaker, seed) if engine == "flite" else formant_say(group, speaker, seed)
             tracks.append(_as_track(said, group))
     return concatenate(tracks)
 

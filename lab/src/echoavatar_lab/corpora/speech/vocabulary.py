@@ -28,7 +28,6 @@ _TEXTS = {
     ),
     "go": "walked ran went drove traveled hurried wandered climbed danced returned",
     "name": ("Anna Peter Maria Robert Lucy Thomas Emma Daniel Laura Michael Susan David Helen Martin Nancy Oliver"),
-    "who": "nobody everybody somebody everyone",
     "number": "two three four five six seven eight nine ten eleven twelve twenty thirty fifty hundred",
     "time": "yesterday today tonight tomorrow sometimes usually already recently finally again",
     "day": "Monday Tuesday Wednesday Thursday Friday Saturday Sunday",

@@ -2,12 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lab.tests.corpora.capture import people
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar_lab.corpora.capture.dance_graph import dance_graph
-from echoavatar_lab.corpora.capture.dances import Piece, can_dance, captured_dance, choose
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar_lab.corpora.controls import Controls, neutral
+from echoavatar_lab.corpora.dance.dance_graph import dance_graph
+from echoavatar_lab.corpora.dance.grooves import GROOVES, Counts
+from echoavatar_lab.corpora.dance.phrases import can_dance, captured_dance, choose
 from echoavatar_lab.corpora.rehearsal.choreography import choreograph
 from echoavatar_lab.corpora.solver import solve
 from echoavatar_lab.corpora.sound import SoundTrack, Span
@@ -39,8 +41,8 @@ def library() -> CapturedLibrary:
     return CapturedLibrary((CapturedClip("a", "dance", "salsa_lead", "set/a.bvh", "CC0", dance),))
 
 
-def piece(beat: float, end: float) -> Piece:
-    return Piece(lambda number: 0.3 + beat * number, 0.0, end, 4, lambda time: 0.5)
+def piece(beat: float, end: float) -> Counts:
+    return Counts(np.arange(0.3, end, beat), 4, GROOVES["salsa"], ((0, 999, 0.5),), 0.0, end)
 
 
 def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
@@ -64,17 +66,17 @@ def test_the_same_seed_is_the_same_dance_and_another_seed_another(library: Captu
 
 
 def test_a_tempo_that_no_dance_fits_is_refused(library: CapturedLibrary):
-    graph = dance_graph(library)
-    assert can_dance(graph, GROUPS, piece(0.45, 20.0))
-    assert not can_dance(graph, GROUPS, piece(6.0, 60.0))
-    assert not can_dance(graph, ("nobody",), piece(0.45, 20.0))
+    dances = dance_graph(library)
+    assert can_dance(dances, GROUPS, piece(0.45, 20.0))
+    assert not can_dance(dances, GROUPS, piece(6.0, 60.0))
+    assert not can_dance(dances, ("nobody",), piece(0.45, 20.0))
     with pytest.raises(ValueError, match="tempo"):
-        choose(graph, GROUPS, piece(6.0, 60.0), np.random.default_rng(0))
+        choose(dances, GROUPS, piece(6.0, 60.0), np.random.default_rng(0))
 
 
-def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrary, library: CapturedLibrary):
+def test_a_captured_dance_starts_and_stops_without_a_jolt(library: CapturedLibrary):
     """Silence, music, silence: the body goes into the dance from where it stands, and stands where the dance ends."""
-    both = CapturedLibrary((*people.clips, *library.clips))
+    both = CapturedLibrary((*people.library().clips, *library.clips))
     spans = (Span(0.0, 4.0, "silence"), Span(4.0, 16.0, "music"), Span(16.0, 20.0, "silence"))
     track = SoundTrack(np.zeros(20 * 24_000, np.float32), spans=spans, beats=np.arange(4.2, 16.0, 0.34))
     danced = [choreograph(track, seed, both) for seed in range(3)]

@@ -5,7 +5,6 @@ time runs by PCHIP. At each join the dancer is turned and shifted a little towar
 travel stay.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,7 +13,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import (
+
+from ..controls import (
     DRIFT_FRAMES,
     FEET,
     Array,
@@ -30,10 +30,10 @@ from echoavatar_lab.corpora.controls import (
     unwound,
     wrists_over,
 )
-from echoavatar_lab.corpora.solver import solve
-
-from .dance_graph import Dance, DanceGraph, Stretches, joint_speed
+from ..solver import solve
+from .dance_graph import Dance, Stretches, joint_speed, stretches_of
 from .footfalls import with_footfalls
+from .grooves import Counts
 
 PHRASE = 8  # beats
 SHORT_SHARE = 0.3  # of the phrases are half as long
@@ -53,25 +53,6 @@ FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made
 KEPT_M = 0.03  # feet that are both off by more than this step in turn
 
 
-@dataclass(frozen=True)
-class Piece:
-    """What a dancer needs to know of a piece of music.
-
-    Attributes:
-        beat: time in seconds of a beat by its number, before the first and after the last as well; 0 is a downbeat.
-        start: when the music begins, seconds.
-        end: when it ends.
-        bar: beats in a bar.
-        energy: of the music at a time, 0 to 1.
-    """
-
-    beat: Callable[[float], float]
-    start: float
-    end: float
-    bar: int
-    energy: Callable[[float], float]
-
-
 @dataclass(frozen=True, eq=False)
 class Phrase:
     """A stretch of a dance, and the beats on which it is danced."""
@@ -84,24 +65,24 @@ class Phrase:
     energy: float
 
 
-def can_dance(graph: DanceGraph, groups: tuple[str, ...], piece: Piece) -> bool:
+def can_dance(dances: tuple[Dance, ...], groups: tuple[str, ...], counts: Counts) -> bool:
     """Whether some dancers have enough material at the tempo of a piece."""
-    return len(graph.stretches(groups, *_half(piece))) >= 24
+    return len(stretches_of(dances, groups, *_half(counts))) >= 24
 
 
 def captured_dance(
-    graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
+    dances: tuple[Dance, ...], groups: tuple[str, ...], counts: Counts, rng: np.random.Generator
 ) -> tuple[int, Controls]:
     """The number of the first frame, and curves from the start of a piece to a little after its end.
 
     Raises ValueError if nothing fits the tempo; ask `can_dance` before.
     """
-    phrases = choose(graph, groups, piece, rng)
+    phrases = choose(dances, groups, counts, rng)
     body: Controls | None = None
-    first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
+    first = int(np.ceil(counts.beat(phrases[0].begin) * FRAME_RATE_HZ))
     size = min(SIZE * float(np.exp(SPREAD * rng.standard_normal())), LARGEST)
     for phrase in phrases:
-        made = _played(phrase, piece, size, rng)
+        made = _played(phrase, counts, size, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
     assert body is not None
     spine = body.spine.copy()
@@ -109,24 +90,28 @@ def captured_dance(
     return first, _slowed(with_footfalls(_slowed(replace(body, spine=spine))), without=FEET)
 
 
-def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
+def choose(
+    dances: tuple[Dance, ...], groups: tuple[str, ...], counts: Counts, rng: np.random.Generator
+) -> list[Phrase]:
     """The phrases of a dance from before the start of a piece until after its end.
 
     Raises ValueError if nothing fits the tempo.
     """
-    half, beat_s = _half(piece)
+    half, beat_s = _half(counts)
     long, number = 2 * half, 0
-    while piece.beat(number) > piece.start:
+    sections = np.array([counts.at(first) for first, _, _ in counts.sections])
+    while counts.beat(number) > counts.start:
         number -= 1
-    kinds = {beats: kind for beats in (long, half) if len(kind := graph.stretches(groups, beats, beat_s))}
+    kinds = {beats: kind for beats in (long, half) if len(kind := stretches_of(dances, groups, beats, beat_s))}
     if not kinds:
         raise ValueError("no captured dance fits this tempo")
     used = {beats: np.zeros(len(kind)) for beats, kind in kinds.items()}
     here: Array | None = None
     state = np.zeros(3)  # x, z, heading
     found: list[Phrase] = []
-    while piece.beat(number) < piece.end + AFTER_S:
-        energy = piece.energy(piece.beat(number + 1))
+    while counts.beat(number) < counts.end + AFTER_S:
+        section = int(np.searchsorted(sections, counts.beat(number + 1) + 1e-6)) - 1
+        energy = counts.sections[max(section, 0)][2]
         is_short = rng.random() < SHORT_SHARE or number % long != 0
         beats = min(kinds) if is_short else max(kinds)
         kind = kinds[beats]
@@ -134,7 +119,7 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
         cost = cost + 0.5 * used[beats]
         best = np.argsort(cost)[: NEAREST if here is not None else 24]
         pick = int(rng.choice(best))
-        dance = graph.dances[kind.dance[pick]]
+        dance = dances[kind.dance[pick]]
         used[beats] *= 0.9
         used[beats] += np.exp(-0.5 * ((kind.first - kind.first[pick]) / 6.0) ** 2) * (
             kind.dance // 2 == kind.dance[pick] // 2
@@ -147,10 +132,10 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
     return found
 
 
-def _half(piece: Piece) -> tuple[int, float]:
+def _half(counts: Counts) -> tuple[int, float]:
     """Beats of half a phrase, and seconds of a beat."""
-    half = 6 if piece.bar == 3 else PHRASE // 2
-    return half, (piece.beat(half * 4) - piece.beat(0)) / (half * 4)
+    half = 6 if counts.metre == 3 else PHRASE // 2
+    return half, (counts.beat(half * 4) - counts.beat(0)) / (half * 4)
 
 
 def _costs(
@@ -178,10 +163,10 @@ def _after(dance: Dance, phrase: Phrase, state: Float[Array, " 3"]) -> Float[Arr
     return np.array([*(state[:2] + way), state[2] + yaw[b] - yaw[a]])
 
 
-def _played(phrase: Phrase, piece: Piece, size: float, rng: np.random.Generator) -> Controls:
+def _played(phrase: Phrase, counts: Counts, size: float, rng: np.random.Generator) -> Controls:
     """A phrase in the time of its beats, larger in louder music."""
     beats = phrase.begin + np.arange(phrase.counts + 1) * phrase.beats / phrase.counts
-    times = np.array([piece.beat(float(b)) for b in beats])
+    times = np.array([counts.beat(float(b)) for b in beats])
     begin, end = (int(np.ceil(t * FRAME_RATE_HZ)) for t in (times[0], times[-1]))
     clock = np.arange(begin, end) / FRAME_RATE_HZ
     warp = PchipInterpolator(times, phrase.dance.counts[phrase.first : phrase.first + phrase.counts + 1])

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, gaussian_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, BALL_M, Array, Controls, spans_of
+
+from ..controls import ANKLE_HEIGHT, BALL_M, Array, Controls, spans_of
 
 STILL_M_S = 0.40  # a low foot whose ball is slower than this stands
 LOW_M = 0.045

@@ -15,11 +15,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import Array, Controls, mirrored, smoothed, turned
-from echoavatar_lab.corpora.solver import solve
 
+from ..capture.library import CapturedLibrary
+from ..controls import Array, Controls, mirrored, smoothed, turned
+from ..solver import solve
 from .dance_counts import braking, find_counts
-from .library import CapturedLibrary
 
 RATES, USUAL_RATE = (0.65, 1.9), 1.4  # of playback between two counts; a count lasts 1/4 to 2 beats accordingly
 FASTEST_DEG_S = 1000.0  # of a joint as it is played
@@ -77,23 +77,15 @@ class Stretches:
         return len(self.dance)
 
 
-@dataclass(frozen=True, eq=False)
-class DanceGraph:
-    """All dances of a library with their mirror images."""
-
-    dances: tuple[Dance, ...]
-
-    @lru_cache(maxsize=8)  # noqa: B019 - there is one graph in a process
-    def stretches(self, groups: tuple[str, ...], beats: int, beat_s: float) -> Stretches:
-        """Stretches of so many beats of the given length by dancers of some groups."""
-        found = [
-            _fitting(number, dance, beats, beat_s) for number, dance in enumerate(self.dances) if dance.group in groups
-        ]
-        found = [columns for columns in found if columns is not None]
-        if not found:
-            whole, real = np.zeros(0, np.int64), np.zeros(0)
-            return Stretches(whole, whole, whole, np.zeros((0, 1)), real, np.zeros((0, 2)), real, real)
-        return Stretches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+@lru_cache(maxsize=8)
+def stretches_of(dances: tuple[Dance, ...], groups: tuple[str, ...], beats: int, beat_s: float) -> Stretches:
+    """Stretches of so many beats of the given length by dancers of some groups."""
+    found = [_fitting(number, dance, beats, beat_s) for number, dance in enumerate(dances) if dance.group in groups]
+    found = [columns for columns in found if columns is not None]
+    if not found:
+        whole, real = np.zeros(0, np.int64), np.zeros(0)
+        return Stretches(whole, whole, whole, np.zeros((0, 1)), real, np.zeros((0, 2)), real, real)
+    return Stretches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def _fitting(number: int, dance: Dance, beats: int, beat_s: float) -> tuple[Array, ...] | None:
@@ -120,8 +112,8 @@ def _fitting(number: int, dance: Dance, beats: int, beat_s: float) -> tuple[Arra
 
 
 @lru_cache(maxsize=2)
-def dance_graph(library: CapturedLibrary) -> DanceGraph:
-    """The graph of a library's dances; takes some seconds, once in a process."""
+def dance_graph(library: CapturedLibrary) -> tuple[Dance, ...]:
+    """All dances of a library with their mirror images; takes some seconds, once in a process."""
     found: list[Dance] = []
     for clip in library.of("dance"):
         rotations, root = solve(clip.controls)
@@ -134,7 +126,7 @@ def dance_graph(library: CapturedLibrary) -> DanceGraph:
             own = mirrored(clip.controls) if side else clip.controls
             between, sums = _between(fastest, own, counts), _sums(own, energy)
             found.append(Dance(clip.group, own, counts, between, sums, strong, _poses(own)))
-    return DanceGraph(tuple(found))
+    return tuple(found)
 
 
 def _between(fastest: Float[Array, " t"], controls: Controls, counts: Float[Array, " n"]) -> Float[Array, " n-1"]:

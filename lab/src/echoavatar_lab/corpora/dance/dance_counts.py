@@ -9,7 +9,8 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.sound import steadiest_path
+
+from ..sound import steadiest_path
 
 COUNT_S = (0.28, 0.80)  # shortest and longest count
 USUAL_S, SPREAD = 0.45, 0.7  # the count that people prefer, and how much, in powers of e

@@ -1,9 +1,9 @@
 import numpy as np
-from lab.tests.corpora.capture.test_dances import stepping_in_place
+from lab.tests.corpora.dance.test_phrases import stepping_in_place
 
-from echoavatar_lab.corpora.capture.dance_graph import dance_graph, joint_speed
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar_lab.corpora.controls import Controls
+from echoavatar_lab.corpora.dance.dance_graph import dance_graph, joint_speed, stretches_of
 
 
 def graph_of(dance: Controls):
@@ -11,8 +11,8 @@ def graph_of(dance: Controls):
 
 
 def test_stretches_are_whole_counts_that_fit_the_tempo():
-    graph = graph_of(stepping_in_place(20.0, 0.4))
-    fitting, slow = graph.stretches(("street",), 4, 0.32), graph.stretches(("street",), 4, 6.0)
+    dances = graph_of(stepping_in_place(20.0, 0.4))
+    fitting, slow = (stretches_of(dances, ("street",), 4, beat_s) for beat_s in (0.32, 6.0))
     assert len(fitting) > 20
     assert not len(slow)
     np.testing.assert_allclose(fitting.rate, 0.4 / 0.32, atol=0.1)
@@ -22,7 +22,7 @@ def test_stretches_are_whole_counts_that_fit_the_tempo():
 def test_floor_work_is_left_out():
     dance = stepping_in_place(20.0, 0.4)
     dance.pelvis_position[300:, 1] = 0.4
-    stretches = graph_of(dance).stretches(("street",), 4, 0.32)
+    stretches = stretches_of(graph_of(dance), ("street",), 4, 0.32)
     assert len(stretches)
     assert max(stretches.first) * 0.4 * 30 < 300
 

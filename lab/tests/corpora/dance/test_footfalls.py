@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from echoavatar_lab.corpora.capture.footfalls import with_footfalls
 from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, neutral
+from echoavatar_lab.corpora.dance.footfalls import with_footfalls
 
 
 def test_a_dragged_foot_is_lifted_and_a_creeping_one_stands():

@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar_lab.corpora.capture.dance_counts import find_counts
+from echoavatar_lab.corpora.dance.dance_counts import find_counts
 
 
 def test_counts_are_where_the_body_brakes():
