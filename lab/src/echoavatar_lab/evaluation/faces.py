@@ -67,7 +67,7 @@ def evaluate_face(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream, total = FaceStream(bundle.face), len(tracks) + len(recordings)
+    stream, total = bundle.face.stream(), len(tracks) + len(recordings)
     made, truths, envelopes, errors = [], [], [], []
     for number, track in enumerate(tracks):
         true = lip_curves(track, ARKIT_NAMES)

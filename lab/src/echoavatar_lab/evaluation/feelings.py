@@ -100,7 +100,7 @@ def read_feelings(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream, rows = FaceStream(bundle.face), []
+    stream, rows = bundle.face.stream(), []
     for number, each in enumerate(speech):
         rows.append(mean_face(stream, read_audio(each.path), seed=seed))
         if progress:
