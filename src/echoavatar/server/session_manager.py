@@ -43,7 +43,6 @@ _LOG = logging.getLogger(__name__)
 MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
 TRIM_S = 20.0  # between returns of freed memory
-SINK_S = 0.02  # between reports of the playhead to sinks, where there are any
 DRAIN_S = 0.02  # between looks at sessions that are to end
 GOODBYE_S = 3.0  # time for the last messages to every client
 
@@ -157,6 +156,7 @@ class SessionManager:
             self._keep_keys(session)
             session.close()
             self._alarms.pop(session.name).cancel()
+            self._sinks.follow(self._sessions.values())
 
     def _seat(self, hello: Hello) -> ServerSession:
         place = self._waiting.place(hello.ticket)
@@ -283,8 +283,6 @@ class SessionManager:
                 async with create_task_group() as tasks:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
                     tasks.start_soon(_every, TRIM_S, lambda: loop.run_in_executor(None, give_back))
-                    if self.settings.sinks:
-                        tasks.start_soon(_every, SINK_S, lambda: self._sinks.show(self._sessions.values()))
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):
@@ -319,6 +317,7 @@ class SessionManager:
                     other.keep_pace(early=True)  # goes along; its alarm stays
                 except Exception:
                     self._lose(other)
+        self._sinks.follow(self._sessions.values())
         if session.left_at is not None:
             expiry = session.left_at + self.settings.resume_seconds
             if time.monotonic() >= expiry:
