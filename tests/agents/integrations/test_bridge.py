@@ -209,8 +209,7 @@ async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         await scene.until(lambda: len(scene.sound) > 12_000)
         manager = scene.bridge.backend._app.state.manager  # type: ignore[attr-defined]
         avatar = scene.bridge._session
-        avatar._socket._close(1006, "")  # type: ignore[union-attr]
-        avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
+        avatar._socket.transport.abort()  # type: ignore[union-attr]
         for session in list(manager._sessions.values()):
             manager.end(session)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
