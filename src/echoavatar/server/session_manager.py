@@ -5,12 +5,10 @@ follows from its playhead. It is not polled in between.
 """
 
 import asyncio
-import ctypes
 import logging
 import secrets
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -20,6 +18,7 @@ from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.engine import give_back
 from echoavatar.engine.manner import SET
 from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
@@ -393,20 +392,3 @@ async def _every(seconds: float, what: Callable[[], object]) -> None:
     while True:
         await asyncio.sleep(seconds)
         what()
-
-
-def give_back() -> None:
-    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
-
-    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
-    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
-    """
-    _malloc_trim()(0)
-
-
-@lru_cache(maxsize=1)
-def _malloc_trim() -> Callable[[int], object]:
-    try:
-        return ctypes.CDLL(None).malloc_trim
-    except (AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
-        return lambda padding: padding

@@ -51,6 +51,7 @@ AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
+BONES = (0, 1, 2, 3)  # of an arm by itself
 SPINE = ("spine", "chest", "upperChest")
 
 
@@ -98,16 +99,6 @@ def wrist(rotations, joints, offsets):  # type: ignore[no-untyped-def]
     turn, place = IDENTITY, (0.0, 0.0, 0.0)
     for bone in range(len(offsets)):
         turn = multiply(turn, read_quaternion(rotations[joints[bone]]))
-        place = plus(place, rotate(turn, read_vector(offsets[bone])))
-    return place
-
-
-@kernel()
-def held_wrist(arm, offsets):  # type: ignore[no-untyped-def]
-    """`wrist` of an arm's own rotations (4, 4)."""
-    turn, place = IDENTITY, (0.0, 0.0, 0.0)
-    for bone in range(len(offsets)):
-        turn = multiply(turn, read_quaternion(arm[bone]))
         place = plus(place, rotate(turn, read_vector(offsets[bone])))
     return place
 
@@ -188,7 +179,7 @@ def rest(rotations, root, shown, trunk, wrists, last, has_shown, active, spine, 
             for side in range(len(joints)):
                 behind = 0.0
                 if has_shown[row]:
-                    gap = minus(wrist(now, joints[side], offsets[side]), held_wrist(shown[row, side], offsets[side]))
+                    gap = minus(wrist(now, joints[side], offsets[side]), wrist(shown[row, side], BONES, offsets[side]))
                     behind = length(gap) / reach[side]
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
