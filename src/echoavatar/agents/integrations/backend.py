@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,10 @@ class RemoteBackend:
         """The tools that a language model may call there, see `RemoteTools.schemas`."""
         return await asyncio.to_thread(self._tools.schemas)
 
+    async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
+        """Call one of them on a session, see `RemoteTools.call`."""
+        return await RemoteTools(self._tools.base, token=self._token, session=session).call_async(name, arguments)
+
     def page(self, session: str) -> str:
         """Address of the server's page."""
         key = f"#token={self._token}" if self._token else ""
@@ -79,6 +83,10 @@ class LocalBackend:
     async def tools(self) -> list[Schema]:
         """The tools for the bundle's actions and the built-in music."""
         return await (await self._start()).tools()
+
+    async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
+        """Call one of them on a session; failure is an answer, not an exception."""
+        return await (await self._start()).call(name, arguments, session)
 
     def page(self, session: str) -> str:
         """Address of the page if a port was given, else empty."""
