@@ -166,7 +166,8 @@ def _motion() -> list[Finding]:
 
         bundle = load_bundle("default")
         found = [(OK, what, f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
-        what, done = "motion", animate(0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32))
+        what = "motion"
+        done = animate(0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32))
         found.append((OK, what, f"one second made in {done.work_s:.2f} s"))
         try:
             tempfile.gettempdir()
