@@ -155,7 +155,7 @@ class Bundle:
 
     @property
     def parameters(self) -> int:
-        """The number of weights of all parts."""
+        """The number of weights of all parts, codebooks included."""
         return sum(math.prod(weight.shape) for part in self.parts.values() for weight in part.arrays().values())
 
     def running(self, runtime: str) -> "Bundle":
