@@ -66,7 +66,7 @@ CONSTANTS = {  # by file of the package
     "server/outbox": "MOST_MOTION MOST_SOUND MOST_OTHER",
     "server/settings": "ServerSettings.ahead_seconds ServerSettings.inbox_seconds ServerSettings.resume_seconds"
     " | server/test_session server/test_session_manager",
-    "server/sinks/player": "CORRECTION_S JUMP_S EXTRAPOLATION_S LEAD_S",
+    "server/sinks/player": "CORRECTION_S JUMP_S LEAD_S",
     "server/video/live_stream": "FAR_S MOST_AHEAD_S MOST_BEHIND_S",
     "agents/integrations/bridge": "LEAD_S",
     "agents/integrations/playback": "GRACE_S REST_S",

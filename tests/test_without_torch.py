@@ -72,6 +72,8 @@ write_wav(Path("tone.wav"), sound)
 for words in ("animate tone.wav -o tone.glb", "animate tone.wav -o tone.bvh --seed 2", "tools"):
     assert main(words.split()) == 0
     assert "torch" not in sys.modules, words
+from echoavatar.cli import doctor
+assert {mark for mark, _, _ in doctor._motion()} == {doctor.OK}
 from echoavatar.engine import load
 from echoavatar.server import ServerSettings, create_app
 create_app(load(seats=2), ServerSettings())

@@ -106,6 +106,7 @@ def animate(
     fps: float = FRAME_RATE_HZ,
     options: MotionOptions | None = None,
     device: str = "cpu",
+    progress: Callable[[float], None] | None = None,
 ) -> Animation:
     """Motion for a sound file, or for samples: mono (s,) or (s, channels), in [-1, 1] or int16.
 
@@ -117,6 +118,7 @@ def animate(
         fps: frames per second.
         options: how the body may move, such as `MotionOptions(in_place=True)`.
         device: where the model runs, as of `load`.
+        progress: receives the seconds of motion made so far.
 
     Raises:
         AudioError: the sound is missing, empty or not sound.
@@ -124,8 +126,8 @@ def animate(
     """
     blocks = stream_audio(sound) if isinstance(sound, str | Path) else in_blocks(_resampled(sound, rate))
     pipeline = _loaded(str(model), device)
-    made = animate_blocks(pipeline, blocks, seed=seed, fps=fps, options=options or MotionOptions())
-    return Animation(*made)
+    own = options or MotionOptions()
+    return Animation(*animate_blocks(pipeline, blocks, seed=seed, fps=fps, options=own, progress=progress))
 
 
 def _resampled(samples: Float[np.ndarray, "..."], rate: int) -> Float[np.ndarray, " s"]:

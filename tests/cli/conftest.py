@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.models.face import FaceConfig, MelConfig
 from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar_lab.models.face.model import FaceModel
 
 
 @pytest.fixture(scope="module")

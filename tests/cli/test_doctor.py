@@ -33,12 +33,12 @@ def test_a_broken_bundle_is_reported_with_its_remedy(
 
 def test_an_environment_in_which_animate_crashes_is_not_called_well(monkeypatch: pytest.MonkeyPatch) -> None:
     """As NumPy 2.5 did: everything was found, and `animate` ended in a traceback."""
-    from echoavatar import engine
+    from echoavatar import animation
 
     def crash(*_: object) -> None:
         raise TypeError("issubclass() arg 1 must be a class")
 
-    monkeypatch.setattr(engine, "animate", crash)
+    monkeypatch.setattr(animation, "animate", crash)
     ((mark, what, remark),) = doctor._motion()
     assert (mark, what) == (doctor.BROKEN, "motion")
     assert "TypeError: issubclass() arg 1 must be a class" in remark

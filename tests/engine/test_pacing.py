@@ -52,6 +52,8 @@ def test_it_says_when_it_will_be_at_a_sample_or_that_it_waits_before() -> None:
     head.report(0, 10.0, 96_000)
     assert head.reaches(24_000, 10.0, 96_000) == 11.0
     assert head.reaches(36_000, 10.0, 96_000) is None  # nobody says that the player goes on
+    assert head.waits_at(96_000) == 24_000
+    assert head.waits_at(6_400) == 6_400
 
 
 @given(

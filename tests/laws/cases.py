@@ -26,9 +26,7 @@ from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
 from echoavatar.models.face.decoder import FrameDecoder
-from echoavatar.models.face.encoder import HubertEncoder, MelEncoder
 from echoavatar.models.face.idle import IdleFace
-from echoavatar.models.face.window import WindowFrames
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
@@ -49,6 +47,8 @@ from echoavatar.nn.exported import ExportedStep
 from echoavatar.nn.torch_step import TorchStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
 from echoavatar_lab.models.export import export_step
+from echoavatar_lab.models.face.encoder import HubertEncoder, MelEncoder
+from echoavatar_lab.models.face.window import WindowFrames
 from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]

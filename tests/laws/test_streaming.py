@@ -11,16 +11,15 @@ import torch
 from tests.laws.cases import CASES, COVERED, Case
 from tests.laws.streaming import hold
 
-import echoavatar
 from echoavatar.nn import CausalBlock
 
-ROOMS = ("nn", "motion", "models", "engine")
+ROOMS = *(f"echoavatar.{room}" for room in ("nn", "motion", "models", "engine")), "echoavatar_lab.models.face"
 NAMED = {f"{owner.__name__} {name}".strip(): case for owner, cases in CASES.items() for name, case in cases.items()}
 
 
 def modules() -> Iterator[ModuleType]:
     for room in ROOMS:
-        package = importlib.import_module(f"{echoavatar.__name__}.{room}")
+        package = importlib.import_module(room)
         yield package
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             yield importlib.import_module(found.name)

@@ -293,10 +293,8 @@ def test_free_pages_between_blocks_in_use_go_back() -> None:
 
 
 def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    session_manager._malloc_trim.cache_clear()
-    monkeypatch.setattr(session_manager.ctypes, "CDLL", lambda name: object())
+    monkeypatch.setattr("ctypes.CDLL", lambda name: object())
     session_manager.give_back()
-    session_manager._malloc_trim.cache_clear()
 
 
 def resident() -> int:

@@ -8,29 +8,23 @@ import pytest
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import guard
 from echoavatar.wire.codec import ProtocolError
-from echoavatar.wire.guard import (
-    Admission,
-    check_certificate,
-    check_origin,
-    check_token,
-    has_token,
-    is_loopback,
-    network_of,
-)
+from echoavatar.wire.guard import Admission, check_certificate, check_origin, has_token, is_loopback, network_of
 from echoavatar.wire.messages import CLOSE_CODES
+from echoavatar.wire.rates import TokenGate
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
-    check_token("", "", {})
-    check_token("secret", "secret", {})
-    check_token("secret", "", {"authorization": "Bearer secret"})
+    assert has_token("", {})
+    assert has_token("secret", {}, "secret")
+    assert has_token("secret", {"authorization": "Bearer secret"})
     assert not has_token("secret", {"authorization": "Basic secret"})
 
 
 @pytest.mark.parametrize("given", ["", "Secret", "secret ", "sécret", "\ud800"])
 def test_a_wrong_token_is_refused(given: str) -> None:
+    assert not has_token("secret", {}, given)
     with pytest.raises(ProtocolError) as caught:
-        check_token("secret", given, {})
+        TokenGate("secret").check(given, {}, "192.0.2.1")
     assert CLOSE_CODES[caught.value.code] == 4401
 
 
@@ -92,7 +86,7 @@ def test_an_ipv6_network_counts_as_one_address(address, network):
 def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
     compared = []
     monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or a == b)
-    check_token("secret", "secret", {"authorization": "Bearer guess"})
+    assert has_token("secret", {"authorization": "Bearer guess"}, "secret")
     assert compared == [(b"secret", b"guess"), (b"secret", b"secret")]
 
 

@@ -4,12 +4,13 @@ import pytest
 from echoavatar.engine.pipeline import Bundle
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.models.face import FaceConfig, MelConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.speech.lips import lip_curves
 from echoavatar_lab.evaluation import faces
 from echoavatar_lab.evaluation.faces import evaluate_face
+from echoavatar_lab.models.face.model import FaceModel
 
 
 @pytest.fixture(scope="module")

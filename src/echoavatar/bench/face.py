@@ -2,8 +2,7 @@
 
 One session and the batch take turns, so that other processes slow both alike. Before every chunk as much memory is
 touched as the other models of a session use (`between`). Processor times count all threads; wall times are what a
-session waits for. Weights do not matter to the time, so a bundle without a face is timed with a random one of default
-sizes.
+session waits for.
 """
 
 import time
@@ -11,10 +10,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
-import torch
 
-from echoavatar.models.face import FaceConfig, FaceModel, FaceStream
-from echoavatar.nn.exported import ExportedStep
+from echoavatar.models.face import FaceStream
+from echoavatar.nn.device import threads
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 WARM_UP = 3
@@ -22,12 +20,8 @@ _TURNS = 10  # chunks of one session to one of the batch
 WEIGHTS = 15_000_000  # float32 values, 60 MB: about the weights of the default bundle
 
 
-def bench_face(
-    model: FaceModel | None = None, *, ear: ExportedStep | None = None, chunks: int = 200, sessions: int = 64
-) -> dict[str, float]:
+def bench_face(stream: FaceStream, *, chunks: int = 200, sessions: int = 64) -> dict[str, float]:
     """Milliseconds per step (ours: 266.7 ms of sound): one session, a batch of `sessions`, and the ratio of both."""
-    model = model or _random_face()
-    stream = FaceStream(model, ear=ear)
     one, many = _chunks(stream, 1), _chunks(stream, sessions)
     for _ in range(WARM_UP):
         next(one), next(many)
@@ -40,24 +34,16 @@ def bench_face(
     summary = {
         "face_ms_p50": alone_ms[0],
         "face_ms_p99": np.percentile(alone[:, 0], 99),
-        "face_rtf": alone[:, 0].mean() / (1000 * model.config.step / FRAME_RATE_HZ),
+        "face_rtf": alone[:, 0].mean() / (1000 * stream.config.step / FRAME_RATE_HZ),
         "face_wall_ms_p50": alone_ms[1],
         "sessions": sessions,
-        "threads": torch.get_num_threads(),
+        "threads": threads(),
         "batch_ms_p50": batch_ms[0],
         "batch_wall_ms_p50": batch_ms[1],
         "batch_over_one": batch_ms[0] / alone_ms[0],
         "batch_over_one_wall": batch_ms[1] / alone_ms[1],
     }
     return {key: round(float(value), 4) for key, value in summary.items()}
-
-
-def _random_face() -> FaceModel:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        model = FaceModel(FaceConfig())
-    model.std.fill_(0.1)
-    return model
 
 
 def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:

@@ -7,7 +7,7 @@ import statistics
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from echoavatar.errors import DependencyError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
 from .options import add_model, add_pipeline, progress
@@ -47,7 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model(face)
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
-    face.add_argument("--threads", type=int, help="torch threads for the batch (default: torch's own choice)")
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
@@ -176,15 +175,13 @@ def _proxy(args: argparse.Namespace) -> int:
 
 
 def _face(args: argparse.Namespace) -> int:
-    import torch
-
     from echoavatar.bench.face import bench_face
-    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
 
-    torch.set_num_threads(args.threads or torch.get_num_threads())
-    bundle = load_bundle(args.model)
-    ear = bundle.parts["face"].graph if bundle.face else None
-    report = bench_face(bundle.face, ear=ear, chunks=args.chunks, sessions=args.sessions)
+    face = Pipeline(load_bundle(args.model)).face
+    if face is None:
+        raise EchoAvatarError(f"bundle {args.model} has no face; train one (`echoavatar train face`)")
+    report = bench_face(face, chunks=args.chunks, sessions=args.sessions)
     for key, value in report.items():
         print(f"{key:<20}{value:>10.3f}")
     print(json.dumps(report))

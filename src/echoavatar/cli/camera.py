@@ -78,14 +78,14 @@ class _Show:
         self._playhead: Playhead
         self._stream: LiveStream
         self._is_waiting = False
+        self._is_there = asyncio.Event()  # the first session
 
     async def run(self) -> None:
         """Run until cancelled, or for `--seconds` from the first picture."""
-        watching = asyncio.ensure_future(self._watch())
-        while self._source is None:
-            await asyncio.wait([watching], timeout=0.1)
-            if watching.done():
-                watching.result()
+        watching, there = (asyncio.ensure_future(each) for each in (self._watch(), self._is_there.wait()))
+        await asyncio.wait([watching, there], return_when=asyncio.FIRST_COMPLETED)
+        if watching.done():
+            watching.result()
         stream, output = self._stream, self._output
         pairs = ((stream.picture, output.show), (stream.sound, output.hear))
         work = [watching, *(asyncio.ensure_future(self._pass_on(take, show)) for take, show in pairs)]
@@ -153,6 +153,7 @@ class _Show:
         source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
         self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
         self._source = source
+        self._is_there.set()
         return source
 
     def _heard(self) -> int:

@@ -51,32 +51,26 @@ def _live(args: argparse.Namespace) -> int:
 
 
 def _files(args: argparse.Namespace) -> int:
-    from echoavatar.animation import Animation
-    from echoavatar.engine import animate, in_blocks
-    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.animation import animate
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
     from echoavatar.files.avatar.page import PageClip, page_text
-    from echoavatar.models.audio import read_audio
     from echoavatar.whole_file import write_whole
 
     make_output_folder(args.output)
-    pipeline = Pipeline(load_bundle(args.model), device=args.device)
-    pipeline.warm_up()
     clips, moving = [], []
     for name, title in CLIPS:
-        with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source:
+        bar = progress(unit="s", desc=f"{title}: animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]")
+        with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source, bar as show:
             sound = source.read_bytes()
-            audio = read_audio(source)
-        print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
-        with progress(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as show:
-            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=show)
+            done = animate(source, model=args.model, seed=args.seed, device=args.device, progress=show)
+        print(f"{title}: {done.seconds:.1f} s of sound")
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
-        animation, motion = Animation(*done), done.motion
-        animation.save(args.output / f"{name}.glb")
+        motion = done.motion
+        done.save(args.output / f"{name}.glb")
         if not args.no_video:
             with progress(unit="frame", desc="  filming") as show:
-                animation.save(args.output / f"{name}.mp4", size=(960, 540), progress=show)
+                done.save(args.output / f"{name}.mp4", size=(960, 540), progress=show)
         moving.append(GltfAnimation(name, motion.rotations, motion.root, face=done.face))
         clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"

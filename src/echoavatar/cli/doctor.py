@@ -160,19 +160,14 @@ def _motion() -> list[Finding]:
 
     what = "default bundle"
     try:
-        from echoavatar.animation import Animation
-        from echoavatar.engine import animate
-        from echoavatar.engine.pipeline import Pipeline, load_bundle
-        from echoavatar.motion.idle_motion import warm_up
+        from echoavatar.animation import Animation, animate
+        from echoavatar.engine.pipeline import load_bundle
         from echoavatar.timing import SAMPLE_RATE_HZ
 
         bundle = load_bundle("default")
         found = [(OK, what, f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
-        what, pipeline = "motion", Pipeline(bundle)
-        pipeline.warm_up()
-        warm_up(pipeline.skeleton)
-        sound = 0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32)
-        done = animate(pipeline, [sound])
+        what = "motion"
+        done = animate(0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32))
         found.append((OK, what, f"one second made in {done.work_s:.2f} s"))
         try:
             tempfile.gettempdir()
@@ -181,7 +176,7 @@ def _motion() -> list[Finding]:
         with tempfile.TemporaryDirectory() as folder:
             for suffix in (".glb", ".bvh", ".npz", ".csv", ".vrma"):
                 what, path = suffix, Path(folder) / f"motion{suffix}"
-                Animation(*done).save(path)
+                done.save(path)
             what, film = ".mp4", Animation(done.motion.cut(0, 3), done.audio, done.work_s)
             film.save(Path(folder) / "motion.mp4", size=(160, 90))
         return [*found, (OK, "files", "GLB, BVH, NPZ, CSV, VRMA and MP4 are written")]

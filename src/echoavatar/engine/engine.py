@@ -366,6 +366,15 @@ def load(
     pipeline = build()
     homecoming.warm_up(pipeline.skeleton)
     idle_motion.warm_up(pipeline.skeleton)
-    with suppress(AttributeError, OSError, TypeError):  # glibc alone keeps what loading has freed, 190 MB, and has this
-        ctypes.CDLL(None).malloc_trim(0)
+    give_back()  # 190 MB
     return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)
+
+
+def give_back() -> None:
+    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
+
+    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
+    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
+    """
+    with suppress(AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
+        ctypes.CDLL(None).malloc_trim(0)

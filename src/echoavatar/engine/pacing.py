@@ -5,6 +5,8 @@ silence just in time, so that speech is answered soon. Nothing here waits: the o
 of the session, and again at the deadline that `deadline` names.
 """
 
+import math
+
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .session_core import SessionCore
@@ -39,8 +41,14 @@ class Playhead:
     def reaches(self, sample: int, now: float, end: int) -> float | None:
         """When it will be at a sample; None if it waits before that, for motion or for a report."""
         at = now + max(0.0, sample - self._at) / SAMPLE_RATE_HZ
-        is_patient = self._reported is None or at <= self._reported + PATIENCE_S
-        return at if sample <= end and is_patient else None
+        return at if sample <= self.waits_at(end) else None
+
+    def waits_at(self, end: int) -> int:
+        """The sample at which it will wait, for motion after `end` or for a report; its own if no client plays."""
+        if self._now is None:
+            return self.sample
+        patience = math.inf if self._reported is None else self._reported + PATIENCE_S - self._now
+        return round(min(max(self._at, end), self._at + max(0.0, patience) * SAMPLE_RATE_HZ))
 
     def report(self, at: int, now: float, end: int) -> None:
         """Take the player's report of its place."""

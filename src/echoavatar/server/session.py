@@ -283,6 +283,11 @@ class ServerSession:
         self._follow_player()
         return self.pacer.playhead.sample
 
+    @property
+    def waits_at(self) -> int:
+        """The sample at which the playhead waits for motion, or for a report of the player."""
+        return self.pacer.playhead.waits_at(self.end)
+
     def keep_pace(self, *, early: bool = False) -> bool:
         """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`).
 

@@ -5,12 +5,10 @@ follows from its playhead. It is not polled in between.
 """
 
 import asyncio
-import ctypes
 import logging
 import secrets
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -20,6 +18,7 @@ from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.engine import give_back
 from echoavatar.engine.manner import SET
 from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
@@ -43,7 +42,6 @@ _LOG = logging.getLogger(__name__)
 MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
 TRIM_S = 20.0  # between returns of freed memory
-SINK_S = 0.02  # between reports of the playhead to sinks, where there are any
 DRAIN_S = 0.02  # between looks at sessions that are to end
 GOODBYE_S = 3.0  # time for the last messages to every client
 
@@ -157,6 +155,7 @@ class SessionManager:
             self._keep_keys(session)
             session.close()
             self._alarms.pop(session.name).cancel()
+            self._sinks.follow(self._sessions.values())
 
     def _seat(self, hello: Hello) -> ServerSession:
         place = self._waiting.place(hello.ticket)
@@ -283,8 +282,6 @@ class SessionManager:
                 async with create_task_group() as tasks:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
                     tasks.start_soon(_every, TRIM_S, lambda: loop.run_in_executor(None, give_back))
-                    if self.settings.sinks:
-                        tasks.start_soon(_every, SINK_S, lambda: self._sinks.show(self._sessions.values()))
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):
@@ -319,6 +316,7 @@ class SessionManager:
                     other.keep_pace(early=True)  # goes along; its alarm stays
                 except Exception:
                     self._lose(other)
+        self._sinks.follow(self._sessions.values())
         if session.left_at is not None:
             expiry = session.left_at + self.settings.resume_seconds
             if time.monotonic() >= expiry:
@@ -394,20 +392,3 @@ async def _every(seconds: float, what: Callable[[], object]) -> None:
     while True:
         await asyncio.sleep(seconds)
         what()
-
-
-def give_back() -> None:
-    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
-
-    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
-    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
-    """
-    _malloc_trim()(0)
-
-
-@lru_cache(maxsize=1)
-def _malloc_trim() -> Callable[[int], object]:
-    try:
-        return ctypes.CDLL(None).malloc_trim
-    except (AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
-        return lambda padding: padding

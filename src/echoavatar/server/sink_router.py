@@ -23,29 +23,26 @@ class SinkRouter:
         self._players = [SinkPlayer(sink, rig, name=text) for text, sink in made]
         self._shown: ServerSession | None = None
 
-    def show(self, sessions: Iterable[ServerSession]) -> None:
-        """Report the playhead of the session that is shown; show the first session once that one is over."""
-        if not self._players:
+    def follow(self, sessions: Iterable[ServerSession]) -> None:
+        """Show the oldest of the sessions, and tell where its playhead is; called after each event of a session."""
+        oldest = next(iter(sessions), None)
+        if not self._players or oldest is None:
+            self._shown = None
             return
-        there = list(sessions)
-        if self._shown not in there:
-            self._shown = there[0] if there else None
-            if there:
-                self._begin(there[0])
-        if self._shown is not None:
-            sample, now = self._shown.place, time.monotonic()
+        if oldest is not self._shown:
+            self._shown = oldest
             for player in self._players:
-                player.tell(sample, now)
+                player.begin()
+            oldest.join(Relay(self._take, lambda: oldest.source is not None), received=None)
+        sample, until, now = oldest.place, oldest.waits_at, time.monotonic()
+        for player in self._players:
+            player.tell(sample, now, until)
 
     def close(self) -> None:
         """Stop all players."""
         for player in self._players:
             player.close()
-
-    def _begin(self, session: ServerSession) -> None:
-        for player in self._players:
-            player.begin()
-        session.join(Relay(self._take, lambda: session.source is not None), received=None)
+        self._players.clear()
 
     def _take(self, message: ServerMessage) -> None:
         for player in self._players:

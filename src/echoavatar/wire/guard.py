@@ -17,19 +17,10 @@ if TYPE_CHECKING:
     from anyio import CancelScope  # which only a server loads; the proxy checks origins with this module
 
 
-def check_token(expected: str, given: str, headers: Mapping[str, str]) -> None:
-    """Check the token, given in the hello or in the Authorization header.
-
-    Raises ProtocolError if the token is wrong.
-    """
-    if expected and not has_token(expected, headers) and not _same(expected, given):
-        raise ProtocolError("unauthorized", "wrong token; put the server's token into hello.token")
-
-
-def has_token(expected: str, headers: Mapping[str, str]) -> bool:
-    """Whether the Authorization header has the token; true if no token is required."""
+def has_token(expected: str, headers: Mapping[str, str], given: str = "") -> bool:
+    """Whether the Authorization header, or the hello, has the token; true if no token is required."""
     scheme, _, bearer = headers.get("authorization", "").partition(" ")
-    return not expected or (scheme.lower() == "bearer" and _same(expected, bearer.strip()))
+    return not expected or (scheme.lower() == "bearer" and _same(expected, bearer.strip())) or _same(expected, given)
 
 
 def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from .codec import ProtocolError
-from .guard import check_token, network_of
+from .guard import has_token, network_of
 
 _LOG = logging.getLogger(__name__)
 _KEYS = 20_000
@@ -71,25 +71,21 @@ class TokenGate:
         """
         if not self._token:
             return
-        network = network_of(address)
-        try:
-            check_token(self._token, given, headers)
-        except ProtocolError:
-            if not given and "authorization" not in headers:
-                raise  # no token is no guess
+        network, wait = network_of(address), 0.0
+        is_right = has_token(self._token, headers, given)
+        if is_right and network not in self._known:
+            wait = self._limiter.wait(network, self.GUESSES, patience=-1)
+        elif not is_right and (given or "authorization" in headers):  # no token is no guess
             self._note(address)
             wait = self._limiter.wait(network, self.GUESSES)
-            if not wait:
-                raise
-        else:
-            wait = 0.0 if network in self._known else self._limiter.wait(network, self.GUESSES, patience=-1)
-            if not wait:
-                self._known[network] = None
-                self._known.move_to_end(network)
-                if len(self._known) > _KEYS:
-                    self._known.popitem(last=False)
-                return
-        raise too_often("too many wrong tokens came from this address", wait)
+        if wait:
+            raise too_often("too many wrong tokens came from this address", wait)
+        if not is_right:
+            raise ProtocolError("unauthorized", "wrong token; put the server's token into hello.token")
+        self._known[network] = None
+        self._known.move_to_end(network)
+        if len(self._known) > _KEYS:
+            self._known.popitem(last=False)
 
     def _note(self, address: str) -> None:
         self._wrong += 1

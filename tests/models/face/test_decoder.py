@@ -6,8 +6,8 @@ import torch
 from tests.models.face.tiny import CONFIG, make
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.face import FaceModel
 from echoavatar.models.face.decoder import FrameDecoder
+from echoavatar_lab.models.face.model import FaceModel
 
 
 def drawn(seed: int, rows: int, frames: int = 8) -> tuple[np.ndarray, np.ndarray]:
@@ -22,8 +22,12 @@ def tiny(steps: int = 2, guidance: float = CONFIG.guidance) -> FaceModel:
     return make(CONFIG.model_copy(update={"sampling_steps": steps, "guidance": guidance})).float()
 
 
+def loop(model: FaceModel) -> FrameDecoder:
+    return FrameDecoder(model.config, {name: weight.numpy() for name, weight in model.state_dict().items()})
+
+
 def test_a_session_alone_gets_the_face_that_it_gets_in_company():
-    decoder, (sound, noise) = tiny().frames(), drawn(1, 40)
+    decoder, (sound, noise) = loop(tiny()), drawn(1, 40)
 
     def frames(rows: slice) -> np.ndarray:
         heard = sound[rows]
@@ -40,7 +44,7 @@ def test_a_session_alone_gets_the_face_that_it_gets_in_company():
 def test_the_frame_loop_is_the_model_read_as_a_whole(frames, steps, guidance):
     """Each frame is what backbone and head say of everything before it; 48 of them go round a ring of 12 slots."""
     model = tiny(steps, guidance)
-    decoder, (sound, noise), active = model.frames(), drawn(3, 2, frames), np.array([True, True])
+    decoder, (sound, noise), active = loop(model), drawn(3, 2, frames), np.array([True, True])
     state = decoder.init_state(2)
     chunks = [slice(first, first + 8) for first in range(0, frames, 8)]
     parts = [decoder.step(sound[:, chunk], state, active, noise[:, chunk]) for chunk in chunks]
@@ -58,7 +62,7 @@ def test_the_frame_loop_is_the_model_read_as_a_whole(frames, steps, guidance):
 
 
 def test_idle_rows_keep_their_ring_and_get_nothing():
-    decoder, (sound, noise) = tiny(1).frames(), drawn(5, 2)
+    decoder, (sound, noise) = loop(tiny(1)), drawn(5, 2)
     state = decoder.init_state(2)
     state.ring[:] = np.random.default_rng(6).standard_normal(state.ring.shape)
     before = state.ring.copy()
@@ -71,7 +75,7 @@ def test_idle_rows_keep_their_ring_and_get_nothing():
 
 
 def test_weights_that_do_not_fit_are_named_before_the_loop_reads_beyond_them():
-    weights = tiny().arrays()
+    weights = {name: weight.numpy() for name, weight in tiny().state_dict().items()}
     for name in ("gpt.blocks.1.attn.qkv.weight", "head.mlps.0.fc2.bias", "gpt.blocks.0.attn.bias"):
         with pytest.raises(CheckpointError, match=rf"{name} is \(\d+.*\), wanted"):
             FrameDecoder(CONFIG, {**weights, name: weights[name][1:]})
@@ -80,6 +84,6 @@ def test_weights_that_do_not_fit_are_named_before_the_loop_reads_beyond_them():
 
 
 def test_an_ear_of_another_width_is_refused():
-    decoder, (sound, noise) = tiny().frames(), drawn(7, 1)
+    decoder, (sound, noise) = loop(tiny()), drawn(7, 1)
     with pytest.raises(CheckpointError, match=r"gives \(1, 8, 15\), wanted \(1, 8, 16\)"):
         decoder.step(sound[..., 1:], decoder.init_state(1), np.ones(1, np.bool_), noise)

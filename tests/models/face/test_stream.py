@@ -4,7 +4,7 @@ import torch
 from tests.models.face.tiny import CONFIG, Seeded, make, sound
 
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.models.face import FaceStream, FrozenFace
+from echoavatar.models.face import FaceStream
 from echoavatar.models.face.noise import face_noise
 from echoavatar.timing import CHUNK_SAMPLES
 
@@ -20,7 +20,7 @@ def test_eight_frames_of_52_curves_between_0_and_1_per_chunk():
 
 
 def test_pieces_that_are_no_chunks_are_refused():
-    stream = FaceStream(make())
+    stream = make().stream()
     with pytest.raises(ValueError, match="6400"):
         stream.step(np.zeros((1, 800), np.float32), stream.init_state(1), ALL, np.array([0]))
 
@@ -32,7 +32,7 @@ def test_a_naive_loop_gives_the_same_frames(memory):
     model = make(CONFIG.model_copy(update={"memory": memory}))
     config, gpt, head = model.config, model.gpt, model.head
     audio = sound(1, 4 * CHUNK_SAMPLES, torch.Generator().manual_seed(2))
-    stream = FaceStream(model)
+    stream = model.stream()
     ours = torch.from_numpy(stream.step(audio.numpy(), stream.init_state(1), ALL, np.array([7])))
 
     features = model.encoder(audio)
@@ -57,18 +57,17 @@ def test_a_naive_loop_gives_the_same_frames(memory):
 
 
 def test_a_face_without_torch_is_the_same_face():
-    """The shipped one: its weights as arrays and its ear as a graph, beside the model with both kinds of ear."""
+    """The shipped one: its weights as arrays and its ear as a graph, beside the model."""
     bundle = load_bundle()
     graph = bundle.parts["face"].graph
-    frozen = FrozenFace(bundle.face.config, bundle.face.arrays(), graph)
+    weights = {name: weight.numpy() for name, weight in bundle.face.state_dict().items()}
     audio = sound(2, 3 * CHUNK_SAMPLES, torch.Generator().manual_seed(4)).float().numpy()
 
     def run(stream: FaceStream) -> np.ndarray:
         return stream.step(audio, stream.init_state(2), np.ones(2, np.bool_), np.array([1, 2]))
 
-    made = run(FaceStream(frozen))
-    np.testing.assert_array_equal(made, run(FaceStream(bundle.face, ear=graph)))
-    np.testing.assert_allclose(made, run(FaceStream(bundle.face)), atol=1e-4)
+    made = run(FaceStream(bundle.face.config, weights, graph))
+    np.testing.assert_allclose(made, run(bundle.face.stream()), atol=1e-4)
     assert made.std() > 0.01
 
 
@@ -77,7 +76,7 @@ def test_another_seed_is_another_face_and_guidance_reaches_the_result():
     audio = sound(1, CHUNK_SAMPLES, torch.Generator().manual_seed(3)).numpy()
 
     def run(seed: int) -> np.ndarray:
-        stream = FaceStream(model)
+        stream = model.stream()
         return stream.step(audio, stream.init_state(1), ALL, np.array([seed]))
 
     assert np.array_equal(run(1), run(1))

@@ -3,10 +3,11 @@
 import numpy as np
 import torch
 
-from echoavatar.models.face import FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
+from echoavatar.models.face import FaceConfig, FaceState, MelConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.models.face.clip import FaceClip
+from echoavatar_lab.models.face.model import FaceModel
 
 JAW = ARKIT_NAMES.index("jawOpen")
 EAR = MelConfig(bands=8, windows=2, width=8, blocks=2, past=3)
@@ -39,7 +40,7 @@ class Seeded:
     """A stream whose seeds follow from the row's number."""
 
     def __init__(self, model: FaceModel) -> None:
-        self.stream = FaceStream(model)
+        self.stream = model.stream()
 
     def init_state(self, rows: int) -> FaceState:
         return self.stream.init_state(rows)

@@ -1,8 +1,8 @@
 import contextlib
 import json
-import queue
 import threading
 import time
+import types
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  
     clock, readings, next_told = FollowingClock(), [], 0.0
     for now in np.arange(0, seconds, 1 / read_hz):
         while next_told <= now:
-            clock.tell(told(next_told) * RATE, next_told)
+            clock.tell(at := told(next_told) * RATE, next_told, at + 0.1 * RATE)
             next_told += 0.02
         readings.append(clock.read(now))
     return np.array(readings) / RATE
@@ -70,19 +70,18 @@ def test_rare_reports_are_followed_evenly() -> None:
     clock, readings = FollowingClock(), []
     for frame in range(240):
         if frame % 5 == 0:
-            clock.tell(frame / 60 * RATE, frame / 60)
+            clock.tell(at := frame / 60 * RATE, frame / 60, at + 0.1 * RATE)
         readings.append(clock.read(frame / 60))
     speed = np.diff(np.array(readings, float)) / RATE * 60
     assert speed.min() > 0.9
     assert speed.max() < 1.1
 
 
-def test_without_reports_the_clock_stops() -> None:
+def test_the_clock_goes_as_far_as_the_other_one_may() -> None:
     clock = FollowingClock()
-    clock.tell(0, 0.0)
+    clock.tell(0, 0.0, 0.25 * RATE)
     last = [clock.read(now) for now in np.arange(0, 3, 1 / 60)][-1]
-    assert last is not None
-    assert last <= 0.25 * RATE
+    assert last == pytest.approx(0.25 * RATE, rel=0.05)
 
 
 def ahead(track: PoseTrack, at: float) -> float:
@@ -169,7 +168,7 @@ class Stuck(Noted):
 def played(player: SinkPlayer, seconds: float, *, start: int = 0) -> None:
     began = time.monotonic()
     while (passed := time.monotonic() - began) < seconds:
-        player.tell(start + passed * 24_000, time.monotonic())
+        player.tell(at := start + passed * 24_000, time.monotonic(), at + 2_400)
         time.sleep(0.01)
 
 
@@ -241,7 +240,7 @@ def test_a_sink_that_hangs_blocks_nothing() -> None:
     began = time.monotonic()
     for block in range(200):
         player.put(block * 6400, walking(8))
-        player.tell(block * 6400, time.monotonic())
+        player.tell(block * 6400, time.monotonic(), block * 6400 + 2_400)
     assert time.monotonic() - began < 5  # the sink hangs for 20 s
     player.close()
     assert time.monotonic() - began < 10
@@ -263,48 +262,25 @@ def test_a_recording_is_played_at_the_pace_of_the_wall() -> None:
     assert places[0] < 0.2
 
 
-class Watch:
-    """A clock that stands until it is set, in the place of the module `time`."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-
-class Listener:
-    """A player that notes the sample it is told."""
-
-    def __init__(self) -> None:
-        self.told: queue.Queue[float] = queue.Queue(1)
+class Listener(FollowingClock):
+    """A player that reads the clock it is told."""
 
     def put(self, at: int, pose: Pose) -> None:
         pass
-
-    def tell(self, at: float, now: float) -> None:
-        with contextlib.suppress(queue.Full):
-            self.told.put_nowait(at)
-
-    def latest(self) -> float:
-        """What it is told from now on; the first two may be older."""
-        return [self.told.get(timeout=10) for _ in range(3)][-1]
 
     def close(self) -> None:
         pass
 
 
 def test_motion_is_shown_a_tenth_of_a_second_after_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that the next may come late by as much; then it goes at the pace of the wall."""
-    watch, listener = Watch(), Listener()
-    monkeypatch.setattr(room, "time", watch)
+    """So that the next may come late by as much; then it goes at the pace of the wall, to its end."""
+    monkeypatch.setattr(room, "time", types.SimpleNamespace(monotonic=lambda: 100.0))
     with contextlib.closing(SinkGroup([], RIG)) as group:
-        group.players.append(listener)  # type: ignore[arg-type]
+        group.players.append(listener := Listener())  # type: ignore[arg-type]
         group.put(0, walking(30))
-        watch.now = 100.08
-        assert listener.latest() == 0
-        watch.now = 100.6
-        assert listener.latest() == pytest.approx(0.5 * 24_000, abs=1)
+        assert listener.read(100.08) == 0
+        assert listener.read(100.6) == pytest.approx(0.5 * 24_000, abs=1)
+        assert listener.read(109.0) == 24_000
 
 
 def test_a_session_may_be_taken_back() -> None:

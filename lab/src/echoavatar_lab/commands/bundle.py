@@ -55,10 +55,10 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False, has_graphs: b
     EchoAvatarError if a part is missing or damaged.
     """
     from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.face import FaceModel
     from echoavatar.models.generator import Generator
     from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.stored import read_card
+    from echoavatar_lab.models.face.model import FaceModel
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]

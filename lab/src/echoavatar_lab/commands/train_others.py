@@ -13,7 +13,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.face import FaceConfig, FaceModel
+from echoavatar.models.face import FaceConfig
 from echoavatar.models.fingers import FingerConfig, FingerModel
 from echoavatar.models.fingers.clips import FingerClip, finger_clip
 from echoavatar.motion.formats import read_bvh
@@ -29,6 +29,7 @@ from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
     explained_variance,
 )
 from echoavatar_lab.models.face.clip import load_clips
+from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import FaceTask, FaceTraining
 from echoavatar_lab.models.fingers import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert

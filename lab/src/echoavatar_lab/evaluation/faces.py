@@ -68,7 +68,7 @@ def evaluate_face(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream = FaceStream(bundle.face)
+    stream = bundle.face.stream()
     made, truths, envelopes, errors = [], [], [], []
     heard: list[SoundTrack | np.ndarray] = [*tracks, *recordings]
     for one in watched(heard, progress):

@@ -100,7 +100,7 @@ def read_feelings(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream, rows = FaceStream(bundle.face), []
+    stream, rows = bundle.face.stream(), []
     for each in watched(speech, progress):
         rows.append(mean_face(stream, read_audio(each.path), seed=seed))
     faces, felt = np.array(rows), np.array([each.feeling for each in speech])

@@ -18,8 +18,6 @@ from torch import Tensor, nn
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.models.face import FaceModel
-from echoavatar.models.face.encoder import MelEncoder
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.nn import StreamState
@@ -27,6 +25,8 @@ from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar.stored import read_config
 from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.whole_file import write_whole
+from echoavatar_lab.models.face.encoder import MelEncoder
+from echoavatar_lab.models.face.model import FaceModel
 
 OPSET = 20
 ROWS = 2  # of the examples that are traced; a graph takes any number

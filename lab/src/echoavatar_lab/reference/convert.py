@@ -11,13 +11,13 @@ from echoavatar.engine.pipeline import ActionLibrary
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.models.face import FaceModel
 from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import make_output_folder, write_whole
+from echoavatar_lab.models.face.model import FaceModel
 
 from .expected_tensors import from_reference
 from .inspection import Inspection

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar.models.face import HubertConfig
-from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
+from echoavatar_lab.models.face.encoder import HubertEncoder
 
 Shape = tuple[int, ...]
 Shapes = dict[str, Shape]

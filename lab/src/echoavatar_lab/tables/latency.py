@@ -19,12 +19,13 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.face import FaceConfig, FaceModel
+from echoavatar.models.face import FaceConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.nn.device import threads
+from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import body_config

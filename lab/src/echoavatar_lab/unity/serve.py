@@ -18,7 +18,7 @@ from echoavatar.engine import Engine, EngineThread, SessionCore
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import AudioError, CheckpointError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire.sockets import serve_streams
+from echoavatar.wire.sockets import BACKLOG, listen, log_less, raise_file_limit
 from echoavatar_lab.foreign.foreign_files import read_pickled_array
 from echoavatar_lab.unity.frames import HEADER, LARGEST, Messages
 
@@ -83,7 +83,9 @@ async def _listen(
     port: int,
     handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]],
 ) -> int:
-    server = await serve_streams(handler, host, port)
+    log_less()
+    raise_file_limit()
+    server = await asyncio.start_server(handler, sock=listen(host, port), backlog=BACKLOG)
     await stack.enter_async_context(server)
     return int(server.sockets[0].getsockname()[1])
 

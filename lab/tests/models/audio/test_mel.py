@@ -1,8 +1,8 @@
 import numpy as np
 import torch
 
-from echoavatar.models.face.encoder import mel_matrix
 from echoavatar_lab.models.audio.mel import log_mel, mel_spectrum
+from echoavatar_lab.models.face.encoder import mel_matrix
 
 
 def test_every_filter_is_used_and_sums_to_one():

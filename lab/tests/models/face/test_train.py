@@ -6,7 +6,6 @@ from tests.models.face.tiny import CONFIG, JAW, clip
 from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.models.face import FaceStream
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar_lab.models.face.clip import FaceClip
 from echoavatar_lab.models.face.train import (
@@ -192,7 +191,7 @@ def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
     curve = list(losses(tmp_path).values())
     assert np.mean(curve[-20:]) < 0.35 * np.mean(curve[:10])
     truth = clip()
-    stream = FaceStream(model)
+    stream = model.stream()
     curves = stream.step(truth.audio[None], stream.init_state(1), np.ones(1, np.bool_), np.array([5]))[0]
     assert np.corrcoef(curves[:, JAW], truth.curves[:, JAW])[0, 1] > 0.8
     mouth = [i for i, name in enumerate(ARKIT_NAMES) if name.startswith(("mouth", "jaw")) and i != JAW]

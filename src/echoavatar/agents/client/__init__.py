@@ -6,17 +6,8 @@
 ...         ...
 """
 
-from .connection import Avatar, ConnectionLostError, MessageSocket, connect, stream_url
+from .connection import Avatar, ConnectionLostError, connect, stream_url
 from .recording import Recorder, Recording
 from .tools import RemoteTools
 
-__all__ = [
-    "Avatar",
-    "ConnectionLostError",
-    "MessageSocket",
-    "Recorder",
-    "Recording",
-    "RemoteTools",
-    "connect",
-    "stream_url",
-]
+__all__ = ["Avatar", "ConnectionLostError", "Recorder", "Recording", "RemoteTools", "connect", "stream_url"]

@@ -3,9 +3,9 @@
 import asyncio
 import itertools
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 import msgspec
@@ -85,22 +85,6 @@ async def open_websocket(url: str, **options: Any) -> ClientConnection:
         ) from error
 
 
-class MessageSocket(Protocol):
-    """The connection that carries the messages: a WebSocket, or anything with these three methods."""
-
-    async def send(self, message: bytes) -> None:
-        """Send one frame; raises `ConnectionClosed` once the connection is broken."""
-
-    async def recv(self, *, decode: bool | None = None) -> bytes | str:
-        """Receive the next frame; raises `ConnectionClosed` once the connection is broken."""
-
-    async def close(self) -> None:
-        """Close the connection in an orderly way."""
-
-
-Dial = Callable[[], Awaitable[MessageSocket]]
-
-
 class Avatar:
     """One session as its source; open it with `connect`. Iterate over it to receive messages: they must be read.
 
@@ -109,13 +93,11 @@ class Avatar:
     its clock starts at `ready.at`.
     """
 
-    def __init__(self, url: str, hello: Hello, dial: Dial | None = None) -> None:
-        """`dial` opens the connection where a WebSocket to `url` is not wanted."""
+    def __init__(self, url: str, hello: Hello) -> None:
         self.ready: Ready
         self.epoch = 0
         self._url, self._hello = url, hello
-        self._dial = dial or self._dial_websocket
-        self._socket: MessageSocket | None = None
+        self._socket: ClientConnection | None = None
         self._utterances = UtteranceQueue(hello.audio)
         self._ids = (f"py-{number}" for number in itertools.count(1))
         self._opened_at = 0.0  # by the loop's clock
@@ -226,7 +208,9 @@ class Avatar:
             ProtocolError: the server refused the session.
         """
         try:
-            self._socket = await self._dial()
+            self._socket = await open_websocket(
+                self._url, subprotocols=[subprotocol("msgpack")], max_size=MAX_MESSAGE_BYTES, open_timeout=TIMEOUT_S
+            )
             await self._socket.send(encode(self._hello))
             ready = await asyncio.wait_for(self.receive(), TIMEOUT_S)
             if not isinstance(ready, Ready):
@@ -241,11 +225,6 @@ class Avatar:
             raise
         self.ready, self.epoch = ready, ready.epoch
         self._opened_at = asyncio.get_running_loop().time()
-
-    async def _dial_websocket(self) -> MessageSocket:
-        return await open_websocket(
-            self._url, subprotocols=[subprotocol("msgpack")], max_size=MAX_MESSAGE_BYTES, open_timeout=TIMEOUT_S
-        )
 
     async def close(self) -> None:
         """Close the connection; the session ends."""

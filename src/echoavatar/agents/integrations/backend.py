@@ -1,96 +1,21 @@
-"""Where an avatar runs: on a server, or on an engine in this process. Both speak the same protocol.
-
-In this process, `InProcessSocket` is a WebSocket to the server's ASGI application, without a network socket.
-"""
+"""Where an avatar runs: on a server, or on an engine in this process, which is served to this process alone."""
 
 import asyncio
 import contextlib
-from collections.abc import Iterator
+import secrets
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from starlette.types import ASGIApp, Message
-from websockets.exceptions import ConnectionClosed, ConnectionClosedError, ConnectionClosedOK
-from websockets.frames import Close
 
-from echoavatar.agents.client import Avatar, MessageSocket, RemoteTools, stream_url
+from echoavatar.agents.client import Avatar, RemoteTools, stream_url
 from echoavatar.engine import Engine, load
 from echoavatar.engine.tools import Schema
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server
-from echoavatar.wire.codec import subprotocol
 from echoavatar.wire.messages import Hello
-
-MAX_QUEUED_FRAMES = 1024  # messages for a reader that does not read
-
-
-class InProcessSocket:
-    """The client's side of one WebSocket connection to an ASGI application."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        scope = {
-            "type": "websocket",
-            "asgi": {"version": "3.0"},
-            "path": "/v1/stream",
-            "headers": [],
-            "subprotocols": [subprotocol("msgpack")],
-        }
-        self._out: asyncio.Queue[Message] = asyncio.Queue()
-        self._in: asyncio.Queue[Message] = asyncio.Queue(MAX_QUEUED_FRAMES)
-        self._closed: ConnectionClosed | None = None
-        self._out.put_nowait({"type": "websocket.connect"})
-        self._serving = asyncio.ensure_future(self._serve(app, scope))
-
-    async def send(self, message: bytes) -> None:
-        """Send one frame to the application.
-
-        Raises:
-            ConnectionClosed: the application has closed the connection.
-        """
-        if self._closed is not None:
-            raise self._closed
-        await self._out.put({"type": "websocket.receive", "bytes": message})
-
-    async def recv(self, *, decode: bool | None = None) -> bytes:
-        """Receive the next frame from the application.
-
-        Raises:
-            ConnectionClosed: the application has closed the connection.
-        """
-        del decode  # frames are always bytes
-        while self._closed is None or not self._in.empty():
-            message = await self._in.get()
-            if message["type"] == "websocket.send":
-                frame: bytes = message["bytes"]
-                return frame
-            if message["type"] == "websocket.close" and self._closed is None:
-                self._close(message.get("code", 1000), message.get("reason") or "")
-        raise self._closed or ConnectionClosedOK(None, None)
-
-    async def close(self) -> None:
-        """Close the connection and wait until the application has ended."""
-        if self._closed is None:
-            self._close(1000, "")
-        await self._out.put({"type": "websocket.disconnect", "code": 1000})
-        while not self._serving.done():  # the application may be blocked on a frame that is never read
-            while not self._in.empty():
-                self._in.get_nowait()
-            await asyncio.wait([self._serving], timeout=0.05)
-        self._in.put_nowait({"type": "websocket.close"})  # wakes a pending `recv`
-
-    def _close(self, code: int, reason: str) -> None:
-        kind = ConnectionClosedOK if code in (1000, 1001) else ConnectionClosedError
-        self._closed = kind(Close(code, reason), None)
-
-    async def _serve(self, app: ASGIApp, scope: Message) -> None:
-        try:
-            await app(scope, self._out.get, self._in.put)
-        finally:
-            if self._in.full():  # room for the close message
-                self._in.get_nowait()
-            self._in.put_nowait({"type": "websocket.close", "code": 1006})
 
 
 def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> "AvatarBackend":
@@ -120,6 +45,10 @@ class RemoteBackend:
         """The tools that a language model may call there, see `RemoteTools.schemas`."""
         return await asyncio.to_thread(self._tools.schemas)
 
+    async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
+        """Call one of them on a session, see `RemoteTools.call`."""
+        return await RemoteTools(self._tools.base, token=self._token, session=session).call_async(name, arguments)
+
     def page(self, session: str) -> str:
         """Address of the server's page."""
         key = f"#token={self._token}" if self._token else ""
@@ -130,12 +59,16 @@ class RemoteBackend:
 
 
 class LocalBackend:
-    """An engine in this process, behind the same application that a server runs. It starts with the first session."""
+    """An engine in this process, behind a server that starts with the first session.
+
+    Without a port for its page, any free one is taken, and only this object knows the token.
+    """
 
     def __init__(self, where: "str | Path | Engine", *, port: int | None = None) -> None:
         self._where, self._port = where, port
+        self._token = secrets.token_urlsafe(16) if port is None else ""
         self._app: Any = None
-        self._address = ""
+        self._server: RemoteBackend | None = None  # once it can be reached
         self._running: asyncio.Task[None] | None = None
         self._started, self._stopped = asyncio.Event(), asyncio.Event()
 
@@ -145,20 +78,19 @@ class LocalBackend:
         Raises:
             ProtocolError: no seat is free.
         """
-        await self._start()
-        avatar = Avatar("this process", hello, self._dial)
-        await avatar.open()
-        return avatar
+        return await (await self._start()).open(hello)
 
     async def tools(self) -> list[Schema]:
         """The tools for the bundle's actions and the built-in music."""
-        await self._start()
-        schemas: list[Schema] = self._app.state.manager.toolbox.schemas()
-        return schemas
+        return await (await self._start()).tools()
+
+    async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
+        """Call one of them on a session; failure is an answer, not an exception."""
+        return await (await self._start()).call(name, arguments, session)
 
     def page(self, session: str) -> str:
         """Address of the page if a port was given, else empty."""
-        return f"{self._address}/?watch={session}" if self._address else ""
+        return "" if self._port is None or self._server is None else self._server.page(session)
 
     async def close(self) -> None:
         """Stop the engine."""
@@ -166,44 +98,38 @@ class LocalBackend:
         if self._running is not None:
             await asyncio.wait([self._running])
 
-    async def _dial(self) -> MessageSocket:
-        return InProcessSocket(self._app)
-
-    async def _start(self) -> None:
+    async def _start(self) -> RemoteBackend:
         if self._running is None:
             self._running = asyncio.ensure_future(self._run())
         waiting = asyncio.ensure_future(self._started.wait())
         await asyncio.wait([waiting, self._running], return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
-        if self._running.done():
-            self._running.result()  # raises what went wrong
+        if self._running.done() or self._server is None:
+            await self._running  # raises what went wrong
             raise EchoAvatarError("this engine was closed; open another")
+        return self._server
 
     async def _run(self) -> None:
         """Run the application in one task, because a task group must end in the task that began it."""
         engine = self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
-        self._app = create_app(engine, ServerSettings(resume_seconds=1.0))
+        self._app = create_app(engine, ServerSettings(token=self._token, resume_seconds=1.0))
         async with self._app.router.lifespan_context(self._app):
-            if self._port is None:
-                self._started.set()
-                await self._stopped.wait()
-                return
-            server = _PageServer(self._app, port=self._port, lifespan="off", on_ready=self._be_found)
+            server = _LocalServer(self._app, port=self._port or 0, lifespan="off", on_ready=self._be_found)
             serving = asyncio.ensure_future(server.serve())
             await self._stopped.wait()
             server.should_exit = server.force_exit = True
             await serving
 
     def _be_found(self, address: str) -> None:
-        self._address = address
+        self._server = RemoteBackend(address, self._token)
         self._started.set()
 
 
 AvatarBackend = RemoteBackend | LocalBackend
 
 
-class _PageServer(Server):
-    """Serves the page of an engine in the user's program, so it leaves signals to that program."""
+class _LocalServer(Server):
+    """Serves an engine in the user's program, so it leaves signals to that program."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

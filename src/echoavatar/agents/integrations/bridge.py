@@ -88,7 +88,6 @@ class AvatarBridge:
         self._received_to = 0  # clock up to which chunks have arrived
         self._clock_offset = 0  # bridge's clock minus session's; not 0 after a lost session was replaced
         self._pending_flush: asyncio.Future[Flush] | None = None
-        self._pending_actions: dict[str, asyncio.Future[ActionStatus]] = {}
         self._agent_resampler, self._user_resampler = SpeechResampler(), SpeechResampler()
         self._text = TimedText()  # of the utterance that is open, or of the next one
         self._is_speaking = False  # an utterance is open
@@ -198,22 +197,6 @@ class AvatarBridge:
             pcm_bytes = samples.astype("<i2").tobytes()
             await self._session.send(Audio(seg=1, start=start, pcm=pcm_bytes, speaker="user"))
 
-    async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> ActionStatus:
-        """Request an action; returns whether it was accepted."""
-        return await self._await_status(await self._session.act(name, intensity=intensity, hold=hold))
-
-    async def set_manner(self, *, liveliness: float | None = None, handedness: float | None = None) -> None:
-        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is."""
-        await self._session.set_manner(liveliness=liveliness, handedness=handedness)
-
-    async def play_music(self, title: str = "") -> ActionStatus:
-        """Play a track, to which the avatar dances and which the chunks carry; returns whether it was accepted."""
-        return await self._await_status(await self._session.play_music(title))
-
-    async def stop_music(self) -> None:
-        """Fade the music out."""
-        await self._session.stop_music()
-
     # ---- output
 
     async def __aiter__(self) -> AsyncIterator[Event]:
@@ -293,9 +276,6 @@ class AvatarBridge:
                 self._cut(message)
             case ActionStatus():
                 self._put(message)
-                waiting = self._pending_actions.pop(message.id, None)
-                if waiting is not None and not waiting.done():
-                    waiting.set_result(message)
             case State():
                 self._put(message)
                 if message.finished and self._pending_flush is None:
@@ -331,12 +311,3 @@ class AvatarBridge:
             if self._pending_flush is None:
                 position = self.playback.position(time.monotonic())
                 await self._session.played(max(0, position - self._clock_offset))
-
-    async def _await_status(self, id: str) -> ActionStatus:
-        waiting: asyncio.Future[ActionStatus] = asyncio.get_running_loop().create_future()
-        self._pending_actions[id] = waiting
-        try:
-            return await asyncio.wait_for(waiting, REPLY_TIMEOUT_S)
-        except TimeoutError:
-            self._pending_actions.pop(id, None)
-            return ActionStatus(id=id, name="", status="rejected", at=0, reason="the avatar did not answer", choices=())

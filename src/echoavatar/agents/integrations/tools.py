@@ -1,4 +1,4 @@
-"""The tools that a language model may call, carried out through a bridge, and the prompt of a voice agent with a body.
+"""The tools that a language model may call on the session of a bridge, and the prompt of a voice agent with a body.
 
 The persona is the paper's digital idol (appendix, System Prompt), in our own words: it treats the user as its
 "Producer" and every talk as a rehearsal. Actions and tracks are filled in from what the backend offers, so that the
@@ -8,9 +8,7 @@ model never mentions gestures or songs that do not exist.
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from echoavatar.engine.tools import Schema, checked
-from echoavatar.errors import EchoAvatarError
-from echoavatar.wire.messages import ActionStatus
+from echoavatar.engine.tools import Schema
 
 from .bridge import AvatarBridge
 
@@ -55,35 +53,7 @@ class AvatarTools:
 
     async def call(self, name: str, arguments: Mapping[str, Any]) -> Schema:
         """Carry out a model's call. A call that fails returns the status `rejected`; nothing is raised."""
-        try:
-            given = checked(self.schemas, name, arguments)
-        except EchoAvatarError as error:
-            return {"status": "rejected", "reason": str(error)}
-        match name:
-            case "send_action":
-                intensity, hold = given.get("intensity", 1.0), given.get("hold")
-                status = await self._bridge.act(given["action"], intensity=intensity, hold=hold)
-                return {"action": status.name or given["action"]} | _result(status)
-            case "set_manner":
-                await self._bridge.set_manner(**given)
-                return {"status": "done"}
-            case "play_music":
-                status = await self._bridge.play_music(given.get("title", ""))
-                return {"title": status.name} | _result(status)
-            case "stop_music":
-                await self._bridge.stop_music()
-                return {"status": "done"}
-            case _:
-                return {"actions": list(self._bridge.ready.actions), "music": list(self._bridge.ready.tracks)}
-
-
-def _result(status: ActionStatus) -> Schema:
-    result: Schema = {"status": status.status}
-    if status.reason:
-        result["reason"] = status.reason
-    if status.choices:
-        result["choices"] = list(status.choices)
-    return result
+        return await self._bridge.backend.call(name, arguments, self._bridge.ready.session)
 
 
 def persona(actions: Iterable[str], tracks: Iterable[str], *, name: str = "Echo", surroundings: str = "") -> str:

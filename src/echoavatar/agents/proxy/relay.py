@@ -86,11 +86,12 @@ class Relay:
         """Connect upstream before accepting the client, so that the client sees the upstream's own refusal."""
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
         if "host" in headers and not is_own_host(headers["host"], self._names):
-            return _http_response(HTTPStatus.MISDIRECTED_REQUEST, wrong_host(headers["host"]))
+            return client.respond(HTTPStatus.MISDIRECTED_REQUEST, wrong_host(headers["host"]))
         if request.path == "/health":
-            return _http_response(
-                HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}), "application/json"
-            )
+            health = client.respond(HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}))
+            del health.headers["Content-Type"]
+            health.headers["Content-Type"] = "application/json"
+            return health
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             return None  # the websockets library answers it
         try:
@@ -101,16 +102,16 @@ class Relay:
             ]
             self._upstreams[client] = await dial(url, request.headers.raw_items(), offered)
         except ProtocolError as error:
-            return _http_response(HTTPStatus.FORBIDDEN, str(error))
+            return client.respond(HTTPStatus.FORBIDDEN, str(error))
         except InvalidStatus as refused:
-            return _refusal(refused.response)
+            return _refusal(client, refused.response)
         except TimeoutError as error:
             _LOG.warning("%s", error)
-            return _http_response(HTTPStatus.GATEWAY_TIMEOUT, str(error))
+            return client.respond(HTTPStatus.GATEWAY_TIMEOUT, str(error))
         except (OSError, WebSocketException, DependencyError) as error:
             why = error if isinstance(error, DependencyError) else type(error).__name__
             _LOG.warning("the upstream cannot be reached: %s", why)
-            return _http_response(HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {why}")
+            return client.respond(HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {why}")
         closing = asyncio.create_task(self._close_upstream(client))
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)
@@ -184,22 +185,14 @@ def _close_reason(connection: Connection) -> tuple[int, str]:
     return code, connection.close_reason or ""
 
 
-def _refusal(answer: Response) -> Response:
+def _refusal(client: ServerConnection, answer: Response) -> Response:
     """The upstream's refusal for the client: the same status, reason, headers and body."""
     if answer.status_code < 200 or 300 <= answer.status_code < 400:
-        return _http_response(
+        return client.respond(
             HTTPStatus.BAD_GATEWAY,
             f"the upstream answered with status {answer.status_code}; the proxy follows no redirects",
         )
     content = bytes(answer.body or b"")
-    headers = refusal_headers(answer.headers.raw_items())
-    return _response(answer.status_code, answer.reason_phrase, headers, content)
-
-
-def _http_response(status: HTTPStatus, text: str, kind: str = "text/plain; charset=utf-8") -> Response:
-    return _response(status.value, status.phrase, [("Content-Type", kind)], text.encode())
-
-
-def _response(status: int, reason: str, headers: list[tuple[str, str]], content: bytes) -> Response:
-    length = [] if status == HTTPStatus.NO_CONTENT else [("Content-Length", str(len(content)))]
-    return Response(status, reason, Headers([*headers, *length, ("Connection", "close")]), content)
+    length = [] if answer.status_code == HTTPStatus.NO_CONTENT else [("Content-Length", str(len(content)))]
+    headers = Headers([*refusal_headers(answer.headers.raw_items()), *length, ("Connection", "close")])
+    return Response(answer.status_code, answer.reason_phrase, headers, content)

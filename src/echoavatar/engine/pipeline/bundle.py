@@ -5,6 +5,7 @@ beside the weights as a graph. `card.json` beside them describes the whole. Othe
 """
 
 import atexit
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from echoavatar import hub
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.models.audio.codec_config import CodecConfig
 from echoavatar.models.face.config import FaceConfig
 from echoavatar.models.generator.config import GeneratorConfig, qwen_half_billion
@@ -35,17 +36,16 @@ from .runtime import Runtime
 
 if TYPE_CHECKING:
     from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.face import FaceModel
     from echoavatar.models.generator import Generator
     from echoavatar.models.tokenizer import BodyTokenizer
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
 _KINDS: dict[str, tuple[type[Config], str, str]] = {  # config; file and name of the module
-    "codec": (CodecConfig, "audio", "AudioCodec"),
-    "tokenizer": (BodyTokenizerConfig, "tokenizer", "BodyTokenizer"),
-    "generator": (GeneratorConfig, "generator", "Generator"),
-    FACE: (FaceConfig, "face", "FaceModel"),
+    "codec": (CodecConfig, "echoavatar.models.audio", "AudioCodec"),
+    "tokenizer": (BodyTokenizerConfig, "echoavatar.models.tokenizer", "BodyTokenizer"),
+    "generator": (GeneratorConfig, "echoavatar.models.generator", "Generator"),
+    FACE: (FaceConfig, "echoavatar_lab.models.face.model", "FaceModel"),
 }
 _OPEN = ExitStack()  # of folders that are unpacked until the process ends
 atexit.register(_OPEN.close)
@@ -66,12 +66,23 @@ class Part:
 
     @cached_property
     def module(self) -> Any:
-        """The module of torch. Raises DependencyError without torch, CheckpointError if the weights are damaged."""
+        """The module of torch. Raises CheckpointError if the weights are damaged.
+
+        Raises DependencyError without torch, or without the lab where it comes from there.
+        """
         if self._folder is None:
             return self._made
         need_torch(f"the {self.name} of this bundle, whose weights have no graph or run on a GPU,")
         home, kind = _KINDS[self.name][1:]
-        return getattr(import_module(f"echoavatar.models.{home}"), kind).load(self._folder)
+        try:
+            return getattr(import_module(home), kind).load(self._folder)
+        except ModuleNotFoundError as error:
+            if error.name != home.partition(".")[0]:
+                raise
+            raise DependencyError(
+                f"the {self.name} of this bundle has no graph, and its module comes with echoavatar-lab; in a clone of "
+                "the repository: pip install './lab[pretrained]'"
+            ) from error
 
     @cached_property
     def graph(self) -> ExportedStep | None:
@@ -123,8 +134,8 @@ class Bundle:
         return self.parts["generator"].module  # type: ignore[no-any-return]
 
     @property
-    def face(self) -> "FaceModel | None":
-        """Sound to curves, if the bundle has it."""
+    def face(self) -> Any:
+        """The lab's `FaceModel`, sound to curves; None if the bundle has no face."""
         return self.parts[FACE].module if FACE in self.parts else None
 
     @property
@@ -144,8 +155,8 @@ class Bundle:
 
     @property
     def parameters(self) -> int:
-        """The number of weights of all parts."""
-        return sum(weight.numel() for part in self.parts.values() for weight in part.module.parameters())
+        """The number of weights of all parts, codebooks included."""
+        return sum(math.prod(weight.shape) for part in self.parts.values() for weight in part.arrays().values())
 
     def running(self, runtime: str) -> "Bundle":
         """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from echoavatar.models.audio import LevelControl, LevelState
-from echoavatar.models.face import FaceState, FaceStream, FrozenFace
+from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.motion.ik import BodyProfile, Cylinder
@@ -135,12 +135,12 @@ class Pipeline:
 
     def _face(self, part: Part) -> FaceStream:
         """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
+        has_idle = "blinks" in self.additions
         if part.graph is None or part.config.memory != "ring":
-            return FaceStream(part.module, has_idle="blinks" in self.additions)
+            return part.module.stream(has_idle=has_idle)  # type: ignore[no-any-return]
         stored = part.arrays().items()
         weights = {name: value.floats() if isinstance(value, Rounded) else value for name, value in stored}
-        model = FrozenFace(part.config, weights, part.graph)
-        return FaceStream(model, has_idle="blinks" in self.additions)
+        return FaceStream(part.config, weights, part.graph, has_idle=has_idle)
 
     def _in_torch(self, module: Any, step: str = "step", init_state: str = "init_state") -> Any:
         from echoavatar.nn.torch_step import TorchStep

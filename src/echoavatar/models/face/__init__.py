@@ -1,23 +1,10 @@
 """Faces: 52 ARKit curves from sound, streaming (paper, Facial Animation and Face Animation Generator).
 
-May import `audio`, `models.noise`, `nn`, `checkpoint` and below.
+The model is trained in the lab. Here its ear is a graph, and its frames are a compiled loop. May import `audio`,
+`models.noise`, `nn` and below.
 """
 
-from typing import TYPE_CHECKING, Any
-
 from .config import FaceConfig, HubertConfig, MelConfig
-from .stream import FaceState, FaceStream, FrozenFace
+from .stream import FaceState, FaceStream
 
-if TYPE_CHECKING:
-    from .model import FaceModel
-
-__all__ = ["FaceConfig", "FaceModel", "FaceState", "FaceStream", "FrozenFace", "HubertConfig", "MelConfig"]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the model when it is first asked for, because it needs torch."""
-    if name != "FaceModel":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from .model import FaceModel
-
-    return FaceModel
+__all__ = ["FaceConfig", "FaceState", "FaceStream", "HubertConfig", "MelConfig"]

@@ -6,7 +6,7 @@ matching, guidance 2.0. A session's face depends on its own sound and seed only.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,31 +20,6 @@ from .decoder import FrameDecoder
 from .idle import IdleFace, IdleState, frame_loudness
 from .noise import face_noise
 
-if TYPE_CHECKING:
-    from echoavatar.nn.exported import ExportedStep
-
-    from .model import FaceModel
-
-
-class FrozenFace(NamedTuple):
-    """A trained face (ring form) without torch: its ear is a graph, its weights are those of a checkpoint by name."""
-
-    config: FaceConfig
-    weights: Mapping[str, Float[np.ndarray, "..."]]
-    graph: "ExportedStep"  # of `FaceModel.hear`
-
-    def arrays(self) -> Mapping[str, Float[np.ndarray, "..."]]:
-        """Weights and statistics of the curves."""
-        return self.weights
-
-    def ear(self) -> "ExportedStep":
-        """Sound of a step to what its frames hear."""
-        return self.graph
-
-    def frames(self) -> FrameDecoder:
-        """What the frames of a step hear, and noise, to normalised curves."""
-        return FrameDecoder(self.config, self.weights)
-
 
 @dataclass
 class FaceState(StreamState):
@@ -56,14 +31,22 @@ class FaceState(StreamState):
 
 
 class FaceStream:
-    """A running face model, with idle motion (`idle`) on the channels that it does not move."""
+    """A running face, with idle motion (`idle`) on the channels that the model does not move."""
 
     def __init__(
-        self, model: "FaceModel | FrozenFace", *, has_idle: bool = True, ear: "ExportedStep | None" = None
+        self,
+        config: FaceConfig,
+        weights: Mapping[str, Float[np.ndarray, "..."]],
+        ear: Any,
+        frames: Any = None,
+        *,
+        has_idle: bool = True,
     ) -> None:
-        """Without `has_idle` the curves are the model's alone; `ear` replaces the model's own."""
-        config, weights = model.config, model.arrays()
-        self.config, self._ear, self._frames = config, ear or model.ear(), model.frames()
+        """`weights` are those of a checkpoint by name. Without `has_idle` the curves are the model's alone.
+
+        `ear` is the step from sound to what frames hear, `frames` that to normalised curves (None: `FrameDecoder`).
+        """
+        self.config, self._ear, self._frames = config, ear, frames or FrameDecoder(config, weights)
         names = APPLE_NAMES if config.order == "apple" else ARKIT_NAMES
         self._order = [names.index(name) for name in ARKIT_NAMES]
         self._mean, std = weights["mean"][self._order], weights["std"][self._order]

@@ -58,10 +58,10 @@ CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
 PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
 LOWERED, OPENED = 0.3, 0.2  # radians an arm length
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
-WHOLE = np.array(
-    [1, 1, 0], np.float32
-)  # sizes of the left and the right hand, and 1 if they talk: what actions and dances get
+# Sizes of the left and the right hand, and 1 if they talk: here those of actions and dances.
+WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
+BONES = (0, 1, 2, 3)  # of an arm by itself
 SPINE = ("spine", "chest", "upperChest")
 
 
@@ -113,16 +113,6 @@ def wrist(rotations, joints, offsets):  # type: ignore[no-untyped-def]
     turn, place = IDENTITY, (0.0, 0.0, 0.0)
     for bone in range(len(offsets)):
         turn = multiply(turn, read_quaternion(rotations[joints[bone]]))
-        place = plus(place, rotate(turn, read_vector(offsets[bone])))
-    return place
-
-
-@kernel()
-def held_wrist(arm, offsets):  # type: ignore[no-untyped-def]
-    """`wrist` of an arm's own rotations (4, 4)."""
-    turn, place = IDENTITY, (0.0, 0.0, 0.0)
-    for bone in range(len(offsets)):
-        turn = multiply(turn, read_quaternion(arm[bone]))
         place = plus(place, rotate(turn, read_vector(offsets[bone])))
     return place
 
@@ -220,8 +210,8 @@ def rest(  # type: ignore[no-untyped-def]
                 size = 1.0 + free * (hands[row, side] - 1.0)
                 at, behind, follows = wrist(now, joints[side], offsets[side]), 0.0, 1.0
                 if has_shown[row]:
-                    behind = length(minus(at, held_wrist(shown, offsets[side]))) / reach[side]
-                    rises = size < 1.0 and at[1] > held_wrist(place, offsets[side])[1]
+                    behind = length(minus(at, wrist(shown, BONES, offsets[side]))) / reach[side]
+                    rises = size < 1.0 and at[1] > wrist(place, BONES, offsets[side])[1]
                     follows = settling * (RISES if rises else 1.0)
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])

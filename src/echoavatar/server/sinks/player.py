@@ -1,9 +1,9 @@
 """Plays motion into sinks, each on a thread of its own, at its own rate and on a clock of its own.
 
-The playback position arrives in jumps: from a player's reports, or from a loop that was delayed. `FollowingClock` runs
-on its own and is corrected towards the reported position by running a little faster or slower, so that motion neither
-stutters nor drifts. It stops when the other clock stops, and never runs backwards except in a jump. `SinkGroup` plays
-where nobody reports a position.
+After each event of a session, its playhead is told: where it is, and where it will wait. `FollowingClock` runs on its
+own and is corrected towards it by running a little faster or slower, so that motion neither stutters nor drifts. It
+stops when the other clock stops, and never runs backwards except in a jump. `SinkGroup` plays where nobody reports a
+position.
 """
 
 import logging
@@ -25,39 +25,40 @@ from .sink import UdpSink, make_sink
 
 CORRECTION_S = 0.1  # an error this large doubles the clock's speed, or stops the clock
 JUMP_S = 0.35  # a larger error is corrected at once
-EXTRAPOLATION_S = 0.1  # a report is extrapolated for this long; after that the other clock is taken to have stopped
 HISTORY_SAMPLES = 24_000  # samples kept behind the last reading
 _LOG = logging.getLogger(__name__)
 JOIN_TIMEOUT_S = 1.0
 MAX_QUEUED = 1_000  # messages kept for the thread; when full, the oldest are dropped
-POLL_S = 0.02
 LEAD_S = 0.1  # from the first motion until it is shown; absorbs uneven arrival
+
+
+Report = tuple[float, float, float]  # a sample, the time at which it is shown, and the sample at which the clock waits
 
 
 class FollowingClock:
     """Follows a session's clock; readings are in samples."""
 
     def __init__(self) -> None:
-        self._told: tuple[float, float] | None = None  # sample, and the time of the report
+        self._told: Report | None = None
         self._read: tuple[float, float] | None = None
 
-    def tell(self, at: float, now: float) -> None:
-        """Report that the other clock shows `at` at the time `now`, in seconds of `time.monotonic`."""
-        self._told = at, now
+    def tell(self, at: float, now: float, until: float) -> None:
+        """Report that the other clock shows `at` at the time `now` (`time.monotonic`), and waits when it is `until`."""
+        self._told = at, now, until
 
     def read(self, now: float) -> float | None:
         """The sample to show now; None before the first report."""
         if self._told is None:
             return None
-        at, then = self._told
-        goal = at + min(max(now - then, 0.0), EXTRAPOLATION_S) * SAMPLE_RATE_HZ
+        at, then, until = self._told
+        goal = min(at + max(now - then, 0.0) * SAMPLE_RATE_HZ, max(at, until))
         if self._read is None or abs(goal - self._read[0]) > JUMP_S * SAMPLE_RATE_HZ:
             self._read = goal, now
             return goal
         mine, before = self._read
         passed = max(0.0, now - before) * SAMPLE_RATE_HZ
         error = (goal - (mine + passed)) / (CORRECTION_S * SAMPLE_RATE_HZ)
-        mine += passed * min(max(1 + error, 0.0), 2.0)
+        mine = min(mine + passed * min(max(1 + error, 0.0), 2.0), max(mine, until))
         self._read = mine, now
         return mine
 
@@ -119,7 +120,7 @@ class SinkPlayer:
         self._joints, self._curves = len(rig.names), curves
         self._clock, self._track = FollowingClock(), PoseTrack()
         self._queue = deque[Motion | Flush | tuple[int, Pose] | None](maxlen=MAX_QUEUED)
-        self._told: tuple[float, float] | None = None
+        self._told: Report | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name=f"sink {name}", daemon=True)
         self._thread.start()
@@ -133,9 +134,9 @@ class SinkPlayer:
         """Take frames that begin at `at`, in samples of the session's clock."""
         self._queue.append((at, pose))
 
-    def tell(self, at: float, now: float) -> None:
-        """Report the sample `at` that is heard at the time `now` (`time.monotonic`)."""
-        self._told = at, now
+    def tell(self, at: float, now: float, until: float) -> None:
+        """Report the playhead, see `FollowingClock.tell`."""
+        self._told = at, now, until
 
     def begin(self) -> None:
         """Start another session; the last pose stays visible until motion arrives."""
@@ -204,50 +205,40 @@ class SinkGroup:
         self.players = [SinkPlayer(sink, rig, curves=curves, name=text) for text, sink in made]
         self._start: tuple[int, float] | None = None  # a sample, and the time at which it is shown
         self._end = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._tick, name="sinks' clock", daemon=True)
-        self._thread.start()
 
     def take(self, message: ServerMessage) -> None:
         """Take a message of a session."""
         if isinstance(message, Motion):
-            self._reach(message.at, message.frames)
+            self._reach(message.at + message.frames * SAMPLES_PER_FRAME, message.at)
         elif isinstance(message, Flush):
-            self._end = min(self._end, message.at)
+            self._reach(min(self._end, message.at))
         for player in self.players:
             player.take(message)
 
     def put(self, at: int, pose: Pose) -> None:
         """Take frames at 30 fps that begin at sample `at`."""
-        self._reach(at, len(pose.root))
+        self._reach(at + len(pose.root) * SAMPLES_PER_FRAME, at)
         for player in self.players:
             player.put(at, pose)
 
     def finish(self) -> None:
         """Wait until everything has been shown."""
-        while self.players and (at := self._now()) is not None and at < self._end:
-            time.sleep(POLL_S)
+        while self.players and self._start is not None and (left := self._seconds_left(*self._start)) > 0:
+            time.sleep(left)
 
     def close(self) -> None:
         """Stop all sinks."""
-        self._stop.set()
-        self._thread.join()
         for player in self.players:
             player.close()
 
-    def _reach(self, at: int, frames: int) -> None:
-        self._end = at + frames * SAMPLES_PER_FRAME
-        if self._start is None:
+    def _reach(self, end: int, at: int | None = None) -> None:
+        """There is motion up to `end`; the first that comes, at sample `at`, starts the clock."""
+        self._end = end
+        if self._start is None and at is not None:
             self._start = at, time.monotonic() + LEAD_S
+        if self._start is not None:
+            for player in self.players:
+                player.tell(*self._start, end)
 
-    def _now(self) -> float | None:
-        if self._start is None:
-            return None
-        return self._start[0] + max(0.0, time.monotonic() - self._start[1]) * SAMPLE_RATE_HZ
-
-    def _tick(self) -> None:
-        while not self._stop.wait(POLL_S):
-            at = self._now()
-            if at is not None:
-                for player in self.players:
-                    player.tell(min(at, self._end), time.monotonic())
+    def _seconds_left(self, at: int, since: float) -> float:
+        return since + (self._end - at) / SAMPLE_RATE_HZ - time.monotonic()

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.models.face.encoder import mel_matrix
+from echoavatar_lab.models.face.encoder import mel_matrix
 
 
 def mel_spectrum(audio: Float[Tensor, "b s"], *, fft: int, hop: int, bands: int) -> Float[Tensor, "b t m"]:

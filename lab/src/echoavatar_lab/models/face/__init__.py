@@ -1,1 +1,1 @@
-"""Training of the face. May import `training`, `paper` and `echoavatar`."""
+"""The face as modules of torch, and their training. May import `training`, `paper` and `echoavatar`."""

@@ -2,7 +2,7 @@ import pytest
 import torch
 from tests.models.face.tiny import CONFIG
 
-from echoavatar.models.face.gpt import (
+from echoavatar_lab.models.face.gpt import (
     Attention,
     FaceGpt,
     RingAttention,

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.models.face.tiny import CONFIG, make
 
-from echoavatar.models.face.window import WindowFrames
+from echoavatar_lab.models.face.window import WindowFrames
 
 
 def test_a_row_that_is_reset_is_as_new() -> None:

@@ -3,7 +3,7 @@ import torch
 from tests.models.face.tiny import make
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.face import FaceModel
+from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import normalized
 
 

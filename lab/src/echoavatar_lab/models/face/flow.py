@@ -11,9 +11,8 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from echoavatar.models.face.noise import euler_levels
 from echoavatar.nn import Mlp
-
-from .noise import euler_levels
 
 HEAD_EPSILON = 1e-6  # of the norms inside the blocks
 

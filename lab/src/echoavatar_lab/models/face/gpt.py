@@ -17,10 +17,9 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from echoavatar.models.face import FaceConfig
 from echoavatar.nn import Mlp
 from echoavatar.nn.attention import rotary_phases
-
-from .config import FaceConfig
 
 
 class Attention(nn.Module):

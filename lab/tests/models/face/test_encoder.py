@@ -4,8 +4,8 @@ import torch
 from tests.models.face.tiny import EAR, sound
 
 from echoavatar.models.face import HubertConfig
-from echoavatar.models.face.encoder import HubertEncoder, MelEncoder, normalize_window, pad_window
 from echoavatar.timing import CHUNK_SAMPLES, SAMPLES_PER_FRAME
+from echoavatar_lab.models.face.encoder import HubertEncoder, MelEncoder, normalize_window, pad_window
 
 
 def make(**changes: object) -> MelEncoder:

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from echoavatar.models.face.flow import FlowHead
+from echoavatar_lab.models.face.flow import FlowHead
 from echoavatar_lab.models.face.train import add_noise
 
 

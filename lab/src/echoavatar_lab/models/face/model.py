@@ -5,16 +5,15 @@ Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming a
 
 from typing import Any
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.checkpoint import Checkpointed
+from echoavatar.models.face import FaceConfig, FaceStream, MelConfig
+from echoavatar.models.face.config import STILL
 from echoavatar.nn.torch_step import TorchStep
 
-from .config import STILL, FaceConfig, MelConfig
-from .decoder import FrameDecoder
 from .encoder import AudioEncoder, HubertEncoder, MelEncoder
 from .flow import FlowHead
 from .gpt import FaceGpt
@@ -22,7 +21,7 @@ from .window import WindowFrames
 
 
 class FaceModel(Checkpointed):
-    """Encoder, backbone, head and the statistics of the curves; `FaceStream` runs it."""
+    """Encoder, backbone, head and the statistics of the curves; `stream` runs it."""
 
     config_type = FaceConfig
     config: FaceConfig
@@ -50,20 +49,14 @@ class FaceModel(Checkpointed):
         heard: Tensor = self.encoder.step(x, state, active)
         return self.gpt.sound_proj(heard) if self.config.memory == "ring" else heard
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """See `FrozenFace`."""
-        return {name: weight.numpy() for name, weight in self.state_dict().items()}
-
-    def ear(self) -> TorchStep:
-        """See `FrozenFace`."""
-        return TorchStep(self.eval().hear, self.encoder.init_state)
-
-    def frames(self) -> FrameDecoder | TorchStep:
-        """See `FrozenFace`."""
-        if self.config.memory == "ring":
-            return FrameDecoder(self.config, self.arrays())
-        window = WindowFrames(self.eval())
-        return TorchStep(window.step, window.init_state)
+    def stream(self, *, has_idle: bool = True) -> FaceStream:
+        """The model at work; see `FaceStream`."""
+        weights = {name: weight.numpy() for name, weight in self.eval().state_dict().items()}
+        ear, frames = TorchStep(self.hear, self.encoder.init_state), None
+        if self.config.memory == "window":
+            window = WindowFrames(self)
+            frames = TorchStep(window.step, window.init_state)
+        return FaceStream(self.config, weights, ear, frames, has_idle=has_idle)
 
     def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
         """Curves from normalised ones; not clamped."""

@@ -22,10 +22,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from echoavatar.errors import DependencyError
+from echoavatar.models.face import HubertConfig, MelConfig
 from echoavatar.nn import Mlp, StateT, StreamingModule, StreamState, write_rows
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, exact_div
-
-from .config import HubertConfig, MelConfig
 
 _FLOOR = 1e-4  # of mel magnitudes
 _WINDOW_HOPS = 4  # a window is so many hops long
