@@ -146,7 +146,7 @@ RESTING = 4.0  # degrees per second
 
 
 def test_a_dance_in_which_the_arms_rest_for_a_second_is_freed_and_again_while_they_rest() -> None:
-    assert {18, 21, 24, 27} < set(freed([LOUD] * 30, DANCING, RESTING))
+    assert freed([LOUD] * 30, DANCING, RESTING)[-4:] == [18, 21, 24, 27]
 
 
 def test_who_stands_in_sound_is_freed_after_nearly_three_seconds() -> None:
@@ -154,7 +154,7 @@ def test_who_stands_in_sound_is_freed_after_nearly_three_seconds() -> None:
 
 
 def test_arms_that_move_or_act_or_rest_in_silence_or_between_phrases_are_left_alone() -> None:
-    assert not freed([LOUD] * 30, STEPPING, 40.0)
+    assert not freed([LOUD] * 30, DANCING, 40.0)
     assert not freed([LOUD] * 30, STANDING, RESTING, acts=True)
     assert not freed([QUIET] * 30, STANDING, RESTING)
     assert not freed([*[LOUD] * 9, QUIET] * 3, STANDING, RESTING)
@@ -174,11 +174,3 @@ def test_a_dance_that_came_to_rest_is_one_until_the_music_has_ended() -> None:
     for chunk in range(68, 71):
         settling.made(chunk, LOUD, limbs(STANDING, RESTING), HUMANOID)
     assert not settling.must_forget(71, LOUD)
-
-
-def test_a_dance_without_arms_is_broken_off_every_two_seconds() -> None:
-    assert freed([LOUD] * 30, DANCING, 40.0) == [8, 17, 26]
-    assert not freed([LOUD] * 30, DANCING, 50.0)
-    assert not freed([LOUD] * 30, STEPPING, 40.0), "who talks may step"
-    assert not freed([LOUD] * 30, DANCING, 40.0, acts=True)
-    assert freed([*[LOUD] * 6, QUIET, *[LOUD] * 12], DANCING, 40.0) == [15], "the time begins anew behind silence"

@@ -53,10 +53,21 @@ def test_bundled_pieces_take_turns_with_recorded_ones() -> None:
 
 
 def test_the_table_counts_who_keeps_the_limits() -> None:
-    made = [Rests("a", "music", 1.0, 0.1, 0.0), Rests("b", "music", 16.0, 0.6, 0.0)]
-    text = rests.as_text(made, [Rests("c", "music", 1.6, 0.1, 0.0)])
+    made = [Rests("a", "music", 1.0, 0.1, 0.0, 0.0), Rests("b", "music", 16.0, 0.6, 0.5, 0.0)]
+    text = rests.as_text(made, [Rests("c", "music", 1.6, 0.1, 0.0, 0.0)])
     ours, people, worst = text.splitlines()[1:4]
-    assert ours.split()[2:] == ["2", "16.00", "16.00", "8.50", "1", "0.60", "0.60", "0.35", "1", "0.000"]
+    assert ours.split()[2:] == ["2", "16.00", "16.00", "8.50", "1", "0.60", "0.60", "0.35", "1", "0.250", "0.000"]
     assert people.split()[:5] == ["music,", "people", "1", "1.60", "1.60"]
     assert worst.split()[0] == "b"
-    assert rests.as_json(made) == {"music": [["a", 1.0, 0.1, 0.0], ["b", 16.0, 0.6, 0.0]]}
+    assert rests.as_json(made) == {"music": [["a", 1.0, 0.1, 0.0, 0.0], ["b", 16.0, 0.6, 0.5, 0.0]]}
+
+
+def test_arms_that_hang_are_told_from_arms_that_are_held() -> None:
+    held = halting(600, 0, 600)
+    held.rotations[:] = (1, 0, 0, 0)  # a T-pose
+    down = held.rotations.copy()
+    for side, sign in (("left", -1), ("right", 1)):
+        down[:, held.skeleton.index(f"{side}UpperArm")] = (np.cos(0.7), 0, 0, sign * np.sin(0.7))
+    hanging = Motion(held.skeleton, down, held.root, held.fps)
+    assert [rests.rests_of(take(one), 20)[0].share for one in (held, hanging)] == [1, 1]
+    assert [rests.rests_of(take(one), 20)[0].hanging for one in (held, hanging)] == [0, 1]

@@ -1,10 +1,9 @@
-"""When a session's model must forget its motion: it dances on in silence, or stands still or shuffles in music.
+"""When a session's model must forget its motion: it dances on in silence, or stands still in music.
 
 The model continues its own last seconds of motion, so whatever they hold goes on: a dance for seconds into silence, and
-a rest or a shuffle with hanging arms for half a minute into music (the paper leaves both open). Then the model's
-context is cleared, and the body's position is kept. The model goes on like a session that has stood through silence: it
-comes to rest in silence, and dances to music within two seconds. Gestures come to rest by themselves, and pauses in
-speech change nothing.
+a rest for half a minute into music (the paper leaves both open). Then the model's context is cleared, and the body's
+position is kept. The model goes on like a session that has stood through silence: it comes to rest in silence, and
+dances to music within two seconds. Gestures come to rest by themselves, and pauses in speech change nothing.
 
 Decisions depend on the chunks heard and the motion made, so a session that goes back decides the same again.
 """
@@ -26,7 +25,6 @@ RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 RESTING = 8.0  # degrees per second, mean over the arms' joints behind `Stillness`: arms that dance are faster
 DANCE_RESTS_S, TALK_RESTS_S = 0.8, 2.67  # of sound after which arms at rest are freed, in a dance and else
-SHUFFLES, SHUFFLES_S = 45.0, 2.13  # a mean speed of the arms over that time: where legs dance, arms are far from it
 KEPT = 64  # chunks that are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
@@ -35,10 +33,8 @@ _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
 class _Chunk(NamedTuple):
     silent: int  # chunks of silence so far, this one included
     legs: float  # degrees per second
-    arms: float  # degrees per second
     resting: int  # chunks of sound so far in which the arms rest, this one included
     dances: bool  # whether the legs danced since the last silence
-    freed: int  # chunks of sound since a dance without arms was last broken off; 0: before the next chunk
 
 
 class Settling:
@@ -47,7 +43,6 @@ class Settling:
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._recent, self._again, self._dances = (chunk.within(span) for span in (RECENT_S, AGAIN_S, DANCES_S))
         self._dance_rests, self._talk_rests = (chunk.within(span) for span in (DANCE_RESTS_S, TALK_RESTS_S))
-        self._shuffles = chunk.within(SHUFFLES_S)
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"], *, acts: bool = False) -> bool:
@@ -60,7 +55,7 @@ class Settling:
             return False
         if not silent:
             most = self._dance_rests if before.dances else self._talk_rests
-            return not acts and (before.freed == 0 or before.resting % most == 0 < before.resting)
+            return not acts and before.resting % most == 0 < before.resting
         if silent % self._again != 1 or not self.is_dancing(chunk - silent):
             return False
         return silent == 1 or before.legs > STANDING
@@ -72,26 +67,18 @@ class Settling:
 
     def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""
-        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1, _Chunk(0, 0.0, 0.0, 0, False, 1))
-        legs, arms = (joint_speed(motion, skeleton, names) for names in (_LEGS, _ARMS))
-        has_sound = not silent and _ARMS[0] in skeleton.names
-        resting = before.resting + 1 if has_sound and arms < RESTING else 0
-        now = self._chunks[chunk] = _Chunk(silent, legs, arms, resting, before.dances, 1)
+        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1, _Chunk(0, 0.0, 0, False))
+        rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING
+        legs = joint_speed(motion, skeleton, _LEGS)
+        now = self._chunks[chunk] = _Chunk(silent, legs, before.resting + 1 if rests else 0, before.dances)
         # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
         dances = silent < self._recent and (before.dances or self._legs(chunk, self._dances // 2 + 1) > DANCES)
-        freed = (0 if self._shuffles_now(chunk, before.freed) else before.freed + 1) if has_sound else 1
-        self._chunks[chunk] = now._replace(dances=dances, freed=freed)
+        self._chunks[chunk] = now._replace(dances=dances)
         self._chunks.pop(chunk - KEPT, None)
 
     def _legs(self, chunk: int, count: int) -> float:
         """Mean speed of the legs in so many chunks up to this one; what was not made counts as 0."""
         return sum(self._chunks[at].legs for at in range(chunk - count + 1, chunk + 1) if at in self._chunks) / count
-
-    def _shuffles_now(self, chunk: int, freed: int) -> bool:
-        """Whether the legs dance and the arms do not, for so long since both were last freed."""
-        if freed < self._shuffles or self._legs(chunk, self._shuffles) < DANCES:
-            return False
-        return sum(self._chunks[chunk - ago].arms for ago in range(self._shuffles)) < SHUFFLES * self._shuffles
 
     def _silent(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
         if not is_silent(audio):

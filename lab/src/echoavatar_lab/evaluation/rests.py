@@ -15,12 +15,13 @@ from jaxtyping import Bool, Float
 from echoavatar.models.audio import read_audio
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-from .metrics.liveliness import MUSIC, SPEECH, arm_rests, body_points, windows
+from .metrics.liveliness import MUSIC, SPEECH, arm_rests, body_points, hand_paths, windows
 from .takes import Sound, Take, points_of
 
 MOST_S, MOST_SHARE = 3.0, 0.15  # the longest rest, and resting seconds, of a dance that is alive
 TALK_S = 10.0  # windows of talk: few sentences go on for longer
 QUIET, QUIET_S = 0.1, 1.0  # a sound whose level over that time is under that share (20 dB) of its own mean is quiet
+HANGS = -0.75  # arm lengths over the shoulders: wrists under it hang; others rest before the body, as some dancers' do
 SHOWN = 5  # performances with the longest rests
 
 
@@ -31,6 +32,7 @@ class Rests(NamedTuple):
     kind: str
     longest_s: float
     share: float
+    hanging: float  # share in which both hang meanwhile
     quiet: float  # share of the window in which the sound is quiet
 
 
@@ -57,32 +59,38 @@ def rests_of(take: Take, seconds: float) -> list[Rests]:
     points, fps = points_of(take, body_points), take.motion.fps
     quiet = np.zeros(len(points), bool) if take.audio is None else is_quiet(take.audio, len(points))
     length = TALK_S if take.kind == SPEECH else seconds
-    return [
-        Rests(take.name, take.kind, *arm_rests(part, fps, ~still[1:]), float(still.mean()))
-        for part, still in zip(windows(points, fps, length), windows(quiet, fps, length), strict=True)
-    ]
+    found = []
+    for part, still in zip(windows(points, fps, length), windows(quiet, fps, length), strict=True):
+        sounds = ~still[1:]
+        hang = (hand_paths(part)[1:, :, 1] < HANGS).all(1)
+        hanging = arm_rests(part, fps, sounds & hang)[1] * float((sounds & hang).sum() / max(sounds.sum(), 1))
+        found.append(Rests(take.name, take.kind, *arm_rests(part, fps, sounds), hanging, float(still.mean())))
+    return found
 
 
 def as_text(made: Iterable[Rests], people: Iterable[Rests]) -> str:
     """A row for each kind of ours and of people, then the performances with the longest rests."""
     made, people = list(made), list(people)
     header = ["windows", "longest, s", "39 of 40", "mean", f"to {MOST_S:g} s"]
-    header += ["share", "39 of 40", "mean", f"to {MOST_SHARE:g}", "quiet"]
+    header += ["share", "39 of 40", "mean", f"to {MOST_SHARE:g}", "hanging", "quiet"]
     lines = [" " * 16 + "".join(f"{name:>12}" for name in header)]
     for kind, (who, side) in itertools.product((MUSIC, SPEECH), (("ours", made), ("people", people))):
         if own := [one for one in side if one.kind == kind]:
             lines.append(f"{kind + ', ' + who:<16}" + "".join(f"{value:>12}" for value in _row(own)))
     for kind in (MUSIC, SPEECH):
         worst = sorted((one for one in made if one.kind == kind), key=lambda one: -one.longest_s)[:SHOWN]
-        lines += [f"  {one.name:<40}{one.longest_s:>8.1f} s{one.share:>8.2f}{one.quiet:>8.2f}" for one in worst]
+        lines += [
+            f"  {one.name:<40}{one.longest_s:>8.1f} s{one.share:>8.2f}{one.hanging:>8.2f}{one.quiet:>8.2f}"
+            for one in worst
+        ]
     return "\n".join(lines)
 
 
 def as_json(made: Iterable[Rests]) -> dict[str, list[list[object]]]:
-    """Each window of ours by kind: name, longest rest, share, share that is quiet."""
+    """Each window of ours by kind: the fields of `Rests` but the kind."""
     found: dict[str, list[list[object]]] = {}
     for one in made:
-        numbers = [round(value, 4) for value in (one.longest_s, one.share, one.quiet)]
+        numbers = [round(value, 4) for value in one[2:]]
         found.setdefault(one.kind, []).append([one.name, *numbers])
     return found
 
@@ -93,4 +101,4 @@ def _row(own: Sequence[Rests]) -> list[str]:
         worst = np.quantile(values, 39 / 40, method="inverted_cdf")
         cells += [f"{number:.2f}" for number in (max(values), worst, np.mean(values))]
         cells.append(f"{sum(value <= most for value in values)}")
-    return [*cells, f"{np.mean([one.quiet for one in own]):.3f}"]
+    return [*cells, *(f"{np.mean([getattr(one, name) for one in own]):.3f}" for name in ("hanging", "quiet"))]
