@@ -9,7 +9,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.commands.evaluate_measures import write_card
 
 
-@pytest.mark.parametrize("measure", ["drift", "dial"])
+@pytest.mark.parametrize("measure", ["drift", "dial", "rests"])
 def test_what_performs_sound_asks_for_recordings(measure: str, tiny_bundle: Path, capsys) -> None:
     assert main(["evaluate", str(tiny_bundle), measure]) == 1
     assert "--recordings" in capsys.readouterr().err

@@ -74,6 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="people whom nothing was trained on, a folder each: how well a classifier of movement tells ours apart",
     )
+    rests = measure(
+        "rests",
+        "how long both arms rest while music plays (the bundled pieces and --recordings) or somebody talks, at the"
+        " worst of --clips sounds of each with --repeats seeds",
+        *("clips", "recordings", "seconds", "repeats"),
+    )
+    rests.add_argument("--captured", type=Path, metavar="FOLDER", help=CAPTURED_HELP)
     dial = measure(
         "dial",
         "what the dials of a speaker's manner do: hand speed from --liveliness 0 to 1, and the right hand's share from"

@@ -19,7 +19,20 @@ from echoavatar.models.generator import Generator
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.rehearsal.corpus import TEST_EVERY, Plan, make_clip
 from echoavatar_lab.data import Clip, Corpus
-from echoavatar_lab.evaluation import actions, alive, codes, dial, domains, drift, faces, feelings, jury, people, report
+from echoavatar_lab.evaluation import (
+    actions,
+    alive,
+    codes,
+    dial,
+    domains,
+    drift,
+    faces,
+    feelings,
+    jury,
+    people,
+    report,
+    rests,
+)
 from echoavatar_lab.evaluation import strokes as stroke_times
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
@@ -160,6 +173,25 @@ def _jury(args: Namespace, bundle: Bundle) -> Numbers:
     return jury.as_json(found, told) | {"strokes": stroke_times.as_json(heard)}
 
 
+def _rests(args: Namespace, bundle: Bundle) -> Numbers:
+    """Every performance has a seed of its own."""
+    _want_recordings(args)
+    how, folder, times = {"split": args.split}, args.recordings, args.repeats or 1
+    music = rests.with_bundled(read_sounds(folder, args.seconds, args.clips, **how), args.seconds, args.clips)
+    talk = [one for one in read_sounds(folder, rests.TALK_S, args.clips, **how) if one.kind == SPEECH]
+    pipeline = Pipeline(bundle.without(["face"]))
+    with progress_bar() as say:
+        takes = [
+            take
+            for sounds in (music, talk)
+            for take in perform(pipeline, sounds * times, seed=args.seed, progress=partial(say, "performing"))
+        ]
+    captured = people.read_people(args.captured) if args.captured else []
+    made, theirs = ([one for take in side for one in rests.rests_of(take, args.seconds)] for side in (takes, captured))
+    print(rests.as_text(made, theirs))
+    return rests.as_json(made)
+
+
 def _domains(args: Namespace, bundle: Bundle) -> Numbers:
     if not args.captured:
         _want_recordings(args, "or measures people (--captured)")
@@ -233,6 +265,7 @@ MEASURES: dict[str | None, Callable[[Namespace, Bundle], Numbers]] = {
     "people": _people,
     "drift": _drift,
     "dial": _dial,
+    "rests": _rests,
 }
 
 

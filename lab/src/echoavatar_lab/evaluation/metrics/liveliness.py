@@ -8,7 +8,7 @@ taken along the world's axes: a clip should face +Z. docs/metrics.md has the for
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.distance import cdist
 
@@ -97,11 +97,16 @@ def liveliness(points: Points, fps: float, *, apart_s: float = APART_S) -> dict[
     }
 
 
-def arm_rests(points: Points, fps: float) -> tuple[float, float]:
-    """Longest time for which both wrists are slower than `RESTS`, seconds, and the share of the time that they are."""
-    rests = (np.stack([path_speed(hand, fps) for hand in np.moveaxis(hand_paths(points), 1, 0)]) < RESTS).all(0)
+def arm_rests(points: Points, fps: float, counts: Bool[np.ndarray, " steps"] | None = None) -> tuple[float, float]:
+    """Longest time for which both wrists are slower than `RESTS`, seconds, and the share of the time that they are.
+
+    Only steps between frames that `counts` marks count, and the others end a rest; without it all do.
+    """
+    speeds = np.stack([path_speed(hand, fps) for hand in np.moveaxis(hand_paths(points), 1, 0)])
+    of = np.ones(speeds.shape[1], bool) if counts is None else counts
+    rests = (speeds < RESTS).all(0) & of
     ends = np.flatnonzero(np.concatenate([[True], ~rests, [True]]))
-    return float((np.diff(ends) - 1).max() / fps), float(rests.mean())
+    return float((np.diff(ends) - 1).max() / fps), float(rests.sum() / max(of.sum(), 1))
 
 
 def foot_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
