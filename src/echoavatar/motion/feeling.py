@@ -35,7 +35,7 @@ MANY_VOICES_S = 1.0  # of the speaker's own speech, as which the mean of many vo
 MOST_KNOWN_S = 40.0  # of speech, that the mean of the speaker goes back
 LEAST, FULL = 0.2, 0.6  # how much surer than the next one: shown a little, and fully
 RISE_S, FALL_S = 0.6, 1.2  # until a feeling is fully shown, and gone
-QUIET_DB, FAINTEST_DB = 25.0, -45.0  # under the loudest of the last seconds, and at all: a pause
+QUIET_DB, FAINTEST_DB = 25.0, -60.0  # under the loudest of the last seconds, and at all: a pause
 _FORGETS_DB = 0.05  # per hop: the loudest of the last seconds fades
 FARTHEST = 3.0  # deviations from the speaker's mean; more is no surer
 
