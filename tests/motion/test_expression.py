@@ -5,7 +5,9 @@ import pytest
 
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import MOODS, RESTING, Expression, with_mood
+from echoavatar.motion.feeling import Feeling
 from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import CHUNK_SAMPLES, SAMPLES_PER_FRAME
 
 SHOWN = {"happy": "mouthSmileLeft", "angry": "browDownLeft", "sad": "browInnerUp", "thinking": "browDownLeft"}
 SHOWN |= {"agree": "mouthSmileRight", "disagree": "browDownRight", "dancing": "mouthSmileLeft"}
@@ -54,3 +56,24 @@ def test_a_chunk_made_again_is_the_same_and_a_session_without_a_face_stays_witho
     again = [session.apply(number, chunk(), mood="sad").face for number in (1, 2)]
     np.testing.assert_array_equal(np.stack(again), np.stack(first[1:]))
     assert session.apply(3, chunk()._replace(face=None), mood="sad").face is None
+
+
+def test_a_face_shows_what_the_voice_feels_with_lips_that_can_close() -> None:
+    """Surely felt joy smiles without parting closed lips; at strength 0, and in another mood, nothing changes."""
+
+    class Joyful(Feeling):
+        def hear(self, chunk, speech):
+            return np.tile([1.0, 0.0, 0.0], (len(speech) // SAMPLES_PER_FRAME, 1))
+
+    speech, faces = np.zeros(CHUNK_SAMPLES, np.float32), []
+    for strength, mood in ((0.7, RESTING), (0.0, RESTING), (0.7, "sad")):
+        session = Expression(feeling=strength, voice=Joyful())
+        for number in range(8):
+            face = session.apply(number, chunk(), mood=mood, speech=speech).face[-1]
+        faces.append(dict(zip(ARKIT_NAMES, face, strict=True)))
+    joy, plain, sad = faces
+    assert joy["mouthSmileLeft"] == pytest.approx(0.42, abs=0.01)
+    assert joy["cheekSquintLeft"] > 0.4
+    assert joy["mouthUpperUpLeft"] == joy["mouthLowerDownLeft"] == joy["jawOpen"] == 0
+    assert plain["mouthSmileLeft"] == pytest.approx(0.1, abs=0.01)
+    assert sad["mouthSmileLeft"] == 0

@@ -104,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
         liveliness=args.liveliness,
         handedness=args.handedness,
         eye_contact=args.eye_contact,
+        feeling=args.feeling,
     )
     batch = Batch(len(args.audio))
     for sound, output in zip(args.audio, places, strict=True):

@@ -76,7 +76,7 @@ def add_picture(parser: argparse.ArgumentParser) -> None:
 
 
 def add_manner(parser: argparse.ArgumentParser) -> None:
-    """Declare `--liveliness`, `--handedness` and `--eye-contact`."""
+    """Declare `--liveliness`, `--handedness`, `--eye-contact` and `--feeling`."""
     parser.add_argument(
         "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: as the seed)"
     )
@@ -89,6 +89,9 @@ def add_manner(parser: argparse.ArgumentParser) -> None:
         default=0.5,
         metavar="0..1",
         help="how long a speaker's eyes meet the viewer (default: 0.5 of the time; more while listening)",
+    )
+    parser.add_argument(
+        "--feeling", type=_share, default=0.8, metavar="0..1", help="how far the face shows what the voice feels (0.8)"
     )
 
 

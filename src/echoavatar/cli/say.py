@@ -61,7 +61,8 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
     samples = read_audio(args.audio)
     began, first, size = time.perf_counter(), 0.0, 0
     async with AsyncExitStack() as stack:
-        body = BodyOptions(liveliness=args.liveliness, handedness=args.handedness, eye_contact=args.eye_contact)
+        names = ("liveliness", "handedness", "eye_contact", "feeling")
+        body = BodyOptions(**{name: getattr(args, name) for name in names})
         avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed, body=body))
         recorder = Recorder(avatar.ready)
         group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))

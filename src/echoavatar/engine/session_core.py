@@ -92,7 +92,7 @@ class SessionCore:
         self._gaze = Gaze(seed, options.eye_contact, self.chunk)
         self._idle_motion = IdleMotion(seed, options, self.chunk)
         self._homecoming = Homecoming(host.skeleton, options, self.chunk)
-        self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
+        self._settling, self._expression = Settling(self.chunk), Expression(self.chunk, options.feeling)
         self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
     # ---- sound in
@@ -365,7 +365,7 @@ class SessionCore:
             source = self._source(chunk, heard)
             self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
             motion = self._with_idle_motion(chunk, motion, source, heard.speech)
-            motion = self._with_expression(chunk, motion)
+            motion = self._with_expression(chunk, motion, heard.speech)
             self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples
             epoch = self._barge_in.epoch
             self._playout.show(chunk, motion, heard, source, epoch=epoch, memory=self._rewind)
@@ -406,14 +406,14 @@ class SessionCore:
             speech=speech if is_free and "gaze" in self._host.additions else None,
         )
 
-    def _with_expression(self, chunk: int, motion: MotionChunk) -> MotionChunk:
-        """The mood of the action, or of the dance."""
+    def _with_expression(self, chunk: int, motion: MotionChunk, speech: Float[np.ndarray, " s"]) -> MotionChunk:
+        """The mood of the action, of the dance or of the voice."""
         if "expression" not in self._host.additions:
             return motion
-        act = self._actions.running(chunk)
-        if act is not None and act.action.name in MOODS:
-            return self._expression.apply(chunk, motion, mood=act.action.name, strength=act.intensity)
-        return self._expression.apply(chunk, motion, mood=DANCING if self._settling.is_dancing(chunk) else RESTING)
+        mood, strength = DANCING if self._settling.is_dancing(chunk) else RESTING, 1.0
+        if (act := self._actions.running(chunk)) is not None and act.action.name in MOODS:
+            mood, strength = act.action.name, act.intensity
+        return self._expression.apply(chunk, motion, mood=mood, strength=strength, speech=speech)
 
     def _react(self, sign: Sign) -> None:
         """Show that the avatar listens, unless a requested action runs."""

@@ -1,7 +1,10 @@
 """Facial expressions: what a mood adds to the curves that the face model makes from sound. Not in the paper.
 
-An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smiles, and a resting face is friendly.
-Moods fade into one another. An open mouth weakens what a mood asks of the lips, so that speech stays readable.
+An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smiles, a voice shows what it feels
+(`feeling`), and a resting face is friendly. Moods fade into one another. An open mouth weakens what a mood asks of the
+lips, so that speech stays readable; what a voice feels does not part them, so that they close on p, b and m.
+
+Happy is action units 6 and 12, angry 4, 7 and 23, sad 1 and 15 (Ekman and Friesen's EMFACS), and a little more.
 """
 
 from collections.abc import Mapping
@@ -12,6 +15,7 @@ from jaxtyping import Float
 from echoavatar.timing import CHUNK, ChunkSize
 
 from .arkit import ARKIT_NAMES
+from .feeling import FEELINGS, Feeling
 from .kinematics.easing import smootherstep
 from .motion_chunk import ChunkFade, MotionChunk
 
@@ -75,24 +79,46 @@ def _row(curves: Mapping[str, float]) -> Float[np.ndarray, " 52"]:
 MOODS: Mapping[str, Float[np.ndarray, " 52"]] = {mood: _row(curves) for mood, curves in _PAIRS.items()}
 
 
+_PARTS = ("mouthUpperUp", "mouthLowerDown", "noseSneer", "eyeLook")  # lips; and eye contact stays
+_FELT = np.stack([MOODS[name] for name in FEELINGS]) * [not name.startswith(_PARTS) for name in ARKIT_NAMES]
+
+
 class Expression:
     """The moods of one session."""
 
-    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
-        self._chunk = chunk
+    def __init__(self, chunk: ChunkSize = CHUNK, feeling: float = 0.0, voice: Feeling | None = None) -> None:
+        """`feeling` is the share of a mood that a voice shows which surely feels it; `voice` was heard before."""
+        self._chunk, self._feeling, self._voice = chunk, feeling, voice or Feeling()
         self._fades = {RESTING: ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)}
         self._strengths = {RESTING: 1.0}
 
-    def apply(self, chunk: int, motion: MotionChunk, *, mood: str = RESTING, strength: float = 1.0) -> MotionChunk:
-        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one."""
+    def apply(
+        self,
+        chunk: int,
+        motion: MotionChunk,
+        *,
+        mood: str = RESTING,
+        strength: float = 1.0,
+        speech: Float[np.ndarray, " s"] | None = None,
+    ) -> MotionChunk:
+        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one.
+
+        A resting face shows what the voice feels; `speech` is what the avatar says, 24 kHz.
+        """
         if motion.face is None:
             return motion
+        felt = np.zeros((self._chunk.frames, len(FEELINGS)))
+        if speech is not None and self._feeling:
+            felt = self._feeling * self._voice.hear(chunk, speech)
         mood = mood if mood in MOODS else RESTING
         self._fades.setdefault(mood, ChunkFade(RISE_S, FALL_S, chunk=self._chunk))
         self._strengths[mood] = min(strength, 1.3)
         added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
         for each, fade in self._fades.items():
             share = smootherstep(fade.shares(chunk, is_wanted=each == mood))
+            if each == RESTING:
+                added = np.maximum(added, share[:, None] * (felt @ _FELT))
+                share = share * (1 - felt.max(1))
             added = np.maximum(added, (share * self._strengths[each])[:, None] * MOODS[each])
         return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
 

@@ -105,6 +105,7 @@ class BodyOptions(Struct, frozen=True, kw_only=True):
     eye_contact: Annotated[
         Share, Meta(description="share of the time in which the eyes meet the viewer while the avatar speaks")
     ] = 0.5
+    feeling: Annotated[Share, Meta(description="how far the face shows what the voice feels, 0: not")] = 0.8
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):

@@ -1,8 +1,8 @@
 """`echoavatar evaluate BUNDLE feelings`: whether the face shows what a voice feels.
 
-Acted speech drives the face as in a session. Each recording's curves are averaged over its speech. The face of one
-speaker is then read by the faces of all the others: as the feeling whose mean face is nearest, each curve scaled by its
-deviation. Chance is a quarter. A voice whose own curves did not differ would be read by chance.
+Acted speech drives the face as in a session in which the speaker said neutral recordings before (`Voices`). Each
+recording's curves are averaged over its speech. The face of one speaker is then read by the faces of all the others: as
+the feeling whose mean face is nearest, each curve scaled by its deviation. Chance is a quarter.
 """
 
 import re
@@ -21,8 +21,10 @@ from echoavatar.models.face import FaceStream
 from echoavatar.models.face.idle import frame_loudness
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import Expression
+from echoavatar.motion.feeling import Feeling, Memory
 from echoavatar.motion.motion_chunk import MotionChunk
-from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import MANIFEST
 from echoavatar_lab.progress import Progress, watched
@@ -38,6 +40,7 @@ _WORDS = {
 }
 SHOWN = ("mouthSmile", "mouthFrown", "browDown", "browInnerUp", "browOuterUp", "eyeSquint")  # means of both sides
 QUIET = 0.25  # of loudness under a recording's loudest frame (15 dB): not speech
+PAUSE_S = 1.0  # after each recording that was heard before
 LEAST = 0.02  # deviation of a curve: smaller differences are not seen
 
 
@@ -77,6 +80,8 @@ def acted_speech(folder: Path) -> list[ActedSpeech]:
     found = []
     for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES):
         row = rows.get(path, {})
+        if row.get("kind", "speech") != "speech":
+            continue
         words = re.findall(r"[a-z]+", (row.get("title") or path.stem).lower())
         feelings = {_WORDS[word] for word in words if word in _WORDS}
         if len(feelings) == 1:
@@ -90,6 +95,32 @@ def acted_speech(folder: Path) -> list[ActedSpeech]:
     return found
 
 
+class Voices:
+    """What sessions heard before a recording: every second neutral one of the speaker, from which feelings differ.
+
+    Before those, the others were heard.
+    """
+
+    def __init__(self, speech: Sequence[ActedSpeech]) -> None:
+        self._neutral: dict[str, list[Path]] = {}
+        for each in speech:
+            if each.feeling == 0:
+                self._neutral.setdefault(each.speaker, []).append(each.path)
+        self._heard: dict[tuple[str, int], Memory] = {}
+
+    def before(self, each: ActedSpeech) -> Memory:
+        """The memory of a voice before this recording."""
+        neutral = self._neutral.get(each.speaker, [])
+        half = 1 - neutral.index(each.path) % 2 if each.feeling == 0 else 0
+        if (each.speaker, half) not in self._heard:
+            voice, pause = Feeling(), np.zeros(round(PAUSE_S * SAMPLE_RATE_HZ), np.float32)
+            said = np.concatenate([pause, *(part for path in neutral[half::2] for part in (read_audio(path), pause))])
+            for number in range(count := len(said) // CHUNK_SAMPLES):
+                voice.hear(number, said[number * CHUNK_SAMPLES : (number + 1) * CHUNK_SAMPLES])
+            self._heard[each.speaker, half] = voice.memories[count - 1]
+        return self._heard[each.speaker, half]
+
+
 def read_feelings(
     bundle: Bundle, speech: Sequence[ActedSpeech], *, seed: int = 0, progress: Progress | None = None
 ) -> dict[str, Reading]:
@@ -100,9 +131,9 @@ def read_feelings(
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
-    stream, rows = bundle.face.stream(), []
+    stream, voices, rows = bundle.face.stream(), Voices(speech), []
     for each in watched(speech, progress):
-        rows.append(mean_face(stream, read_audio(each.path), seed=seed))
+        rows.append(mean_face(stream, read_audio(each.path), voices.before(each), seed=seed))
     faces, felt = np.array(rows), np.array([each.feeling for each in speech])
     speakers, splits = (np.array([each[at] for each in speech]) for at in (2, 3))
     guessed = np.zeros(len(felt), int)
@@ -121,15 +152,17 @@ def read_feelings(
     return found
 
 
-def mean_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Float[np.ndarray, " 52"]:
+def mean_face(
+    stream: FaceStream, audio: Float[np.ndarray, " s"], before: Memory | None = None, *, seed: int = 0
+) -> Float[np.ndarray, " 52"]:
     """Curves as a session shows them at rest, averaged over the frames of speech."""
     audio = np.pad(audio, (0, -len(audio) % CHUNK_SAMPLES)).astype(np.float32)
-    curves, expression = animate_face(stream, audio, seed=seed), Expression()
-    made = []
-    for number in range(len(audio) // CHUNK_SAMPLES):
+    curves = animate_face(stream, audio, seed=seed)
+    expression, made = Expression(feeling=MotionOptions().feeling, voice=Feeling(before)), []
+    for number, speech in enumerate(audio.reshape(-1, CHUNK_SAMPLES)):
         face = curves[number * CHUNK_FRAMES : (number + 1) * CHUNK_FRAMES]
         motion = MotionChunk(np.zeros((CHUNK_FRAMES, 1, 4), np.float32), np.zeros((CHUNK_FRAMES, 3), np.float32), face)
-        made.append(np.asarray(expression.apply(number, motion).face))
+        made.append(np.asarray(expression.apply(number, motion, speech=speech).face))
     loud = frame_loudness(audio[None])[0]
     return np.asarray(np.concatenate(made)[loud > loud.max() - QUIET].mean(0))
 

@@ -43,6 +43,9 @@ class MotionOptions(Config):
         description="share of the time in which the eyes meet the viewer while the avatar speaks; half as much again"
         " while it listens",
     )
+    feeling: float = Field(
+        default=0.8, ge=0, le=1, description="how far the face shows what the voice feels: 0 not, 1 as an action's mood"
+    )
 
 
 FREE = MotionOptions()

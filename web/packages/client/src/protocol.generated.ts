@@ -84,6 +84,8 @@ export interface BodyOptions {
   handedness?: number | null;
   /** share of the time in which the eyes meet the viewer while the avatar speaks */
   eye_contact?: number;
+  /** how far the face shows what the voice feels, 0: not */
+  feeling?: number;
 }
 
 /** The utterance is complete; silence follows until the next one. */
