@@ -51,7 +51,7 @@ class FrameStream:
         check_shapes(shapes(config), {name: stored.shape for name, stored in arrays.items()}, origin="the generator")
         self.config, layout = config, config.layout
         frozen = self._frozen = Frozen(arrays, rounds=rounds)
-        motion = layout.motion_base + np.arange(layout.segments * layout.motion_codes)
+        motion = slice(layout.motion_base, layout.motion_base + layout.segments * layout.motion_codes)
         heads = frozen.rows("lm_head.weight", motion).reshape(layout.segments, layout.motion_codes, -1)
         self._backbone = frozen.body("model", config, [frozen.floats("depth.condition.weight")])
         self._depth = frozen.body("depth.body", config.depth, heads)._replace(
