@@ -5,6 +5,7 @@ depth transformer draws the frame's 3 Q codes one after another; the backbone's 
 Both run in the compiled loop. Memory is bounded: the state holds keys and values of the window.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -67,6 +68,7 @@ class FrameStream:
                 gates[0][row] = frozen.floats(f"{name}.gate_proj.weight")[0] * after
                 gates[1][row] = frozen.floats(f"{name}.gate_proj.bias")[0]
         self._gates = gates
+        self._within = functools.lru_cache(maxsize=16)(self._in_a_frame)
         self._maps = {
             name: frozen.plain(f"{name}.weight")
             for name in ("exemplar.hint_proj", "manner.proj", "manner.codes_proj")
@@ -131,21 +133,23 @@ class FrameStream:
         hidden = read_position(self._backbone, x, *_parts(state.rings), at)
         condition = _mapped(self._backbone.heads, hidden)
 
-        count, depth = layout.segments, config.depth
-        places = np.broadcast_to(np.arange(count), (rows, count))
-        seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
-        own, within = (
-            _parts([_ring(rows, depth, count) for _ in range(depth.layers)]),
-            _positions(places, places, seen, depth),
-        )
+        own = _parts([_ring(rows, config.depth, layout.segments) for _ in range(config.depth.layers)])
+        within, later = self._within(rows)
         first = read_position(self._depth, condition, *own, within)
         steering = Steering(np.array(config.directed), condition, raised, bias, *self._gates)
-        later = Positions(*(part[:, 1:] for part in within))
         drawn = draw_codes(self._depth, first, *own, later, self._draws(seeds, state.frames), steering)
         state.last[:] = drawn.reshape(state.last.shape)
         state.frames += 1
         codes: np.ndarray = state.last
         return codes
+
+    def _in_a_frame(self, rows: int) -> tuple[Positions, Positions]:
+        """The positions of a frame's codes, each of which sees those before it: of all, and of all but the first."""
+        count = self.config.layout.segments
+        places = np.broadcast_to(np.arange(count), (rows, count))
+        seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
+        within = Positions(*map(np.ascontiguousarray, _positions(places, places, seen, self.config.depth)))
+        return within, Positions(*(np.ascontiguousarray(part[:, 1:]) for part in within))
 
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
         """Noise, temperature and nucleus of a frame; see `sampling.make_sampler`."""
