@@ -20,7 +20,7 @@ from echoavatar.stored import Stored, check_shapes
 from ..noise import uniform_noise
 from .compiled import Draws, Positions, Steering, draw_codes, read_position
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
-from .frozen import Frozen, shapes
+from .frozen import Frozen, rows_of, shapes
 from .manner import HEIGHTS, near_knots
 
 
@@ -51,12 +51,12 @@ class FrameStream:
         """
         check_shapes(shapes(config), {name: stored.shape for name, stored in arrays.items()}, origin="the generator")
         self.config, layout = config, config.layout
-        frozen = self._frozen = Frozen(arrays, rounds=rounds)
+        frozen, self._table = Frozen(arrays, rounds=rounds), arrays["model.embed_tokens.weight"]
         motion = slice(layout.motion_base, layout.motion_base + layout.segments * layout.motion_codes)
-        heads = frozen.rows("lm_head.weight", motion).reshape(layout.segments, layout.motion_codes, -1)
+        heads = rows_of(arrays["lm_head.weight"], motion).reshape(layout.segments, layout.motion_codes, -1)
         self._backbone = frozen.body("model", config, [frozen.floats("depth.condition.weight")])
         self._depth = frozen.body("depth.body", config.depth, heads)._replace(
-            embedding=frozen.rows("depth.body.embed_tokens.weight", motion),
+            embedding=frozen.plain("depth.body.embed_tokens.weight", motion),
             starts=np.arange(layout.segments) * layout.motion_codes,
         )
         self._sound = frozen.plain("depth.sound.weight")
@@ -164,14 +164,14 @@ class FrameStream:
         """The backbone's input from the audio codes of a frame: the layers of each audio frame summed, all mapped."""
         layout = self.config.layout
         ids = sound + layout.audio_base + np.arange(layout.audio_layers) * layout.audio_codes
-        each = self._frozen.rows("model.embed_tokens.weight", ids).sum(2)
+        each = rows_of(self._table, ids).sum(2)
         return _mapped(self._sound, each.reshape(len(sound), -1))
 
     def _moved(self, state: FrameState) -> Float[np.ndarray, "b c"]:
         """The backbone's input from the codes of the frame before; the start id stands before the first."""
         ids = state.last.reshape(len(state.last), -1) + self._starts
-        moved = self._frozen.rows("model.embed_tokens.weight", ids).sum(1)
-        start = self._frozen.rows("model.embed_tokens.weight", [self.config.layout.start_id])
+        moved = rows_of(self._table, ids).sum(1)
+        start = rows_of(self._table, [self.config.layout.start_id])
         return np.where(state.frames[:, None] == 0, start, moved)
 
     def _steer(
@@ -189,7 +189,7 @@ class FrameStream:
             raised[:, 0], first = exemplar, layout.segment_start(config.directed[0])
             for row, members in enumerate(exemplar):
                 (members_of_row,) = np.nonzero(members)
-                embedded = self._frozen.rows("model.embed_tokens.weight", first + members_of_row)
+                embedded = rows_of(self._table, first + members_of_row)
                 total = (members[members_of_row, None] * embedded).sum(0) * max(len(members_of_row), 1) ** -0.5
                 hint[row] = _mapped(self._maps["exemplar.hint_proj"], total[None].astype(F))[0]
         if manner is not None and "manner.proj" in self._maps:
