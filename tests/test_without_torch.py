@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import echoavatar
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
 
@@ -85,3 +86,10 @@ assert "torch" not in sys.modules
 
 def test_the_default_bundle_moves_and_is_served_without_it(tmp_path: Path) -> None:
     run(MODEL, tmp_path)
+
+
+def test_scipy_is_needed_only_where_torch_is() -> None:
+    """Both come with one extra."""
+    for path in Path(echoavatar.__file__).parent.rglob("*.py"):
+        text = path.read_text()
+        assert "import scipy" not in text and "from scipy" not in text or "import torch" in text, path

@@ -12,6 +12,7 @@ import html
 import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import soundfile
@@ -20,17 +21,18 @@ from jaxtyping import Float
 from echoavatar.engine import AnimatedSound, in_blocks
 from echoavatar.engine import animate as animate_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.files.avatar import Character, load_character
-from echoavatar.files.avatar.avatar_renderer import RendererName
-from echoavatar.files.avatar.framing import View, picture_size
-from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
-from echoavatar.files.avatar.page import PageClip, page_text
-from echoavatar.files.avatar.video import Shot
-from echoavatar.files.exports import Rig, Take, read_rig, write_take
+from echoavatar.files.exports import Take, write_take
+from echoavatar.files.exports.formats import FILMS
 from echoavatar.models.audio import stream_audio
 from echoavatar.models.audio.io import StreamResampler, mixed
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+if TYPE_CHECKING:
+    from echoavatar.files.avatar import Character
+    from echoavatar.files.avatar.avatar_renderer import RendererName
+    from echoavatar.files.avatar.framing import View
+    from echoavatar.files.exports import Rig
 
 
 class Animation(AnimatedSound):
@@ -47,13 +49,13 @@ class Animation(AnimatedSound):
         self,
         path: str | Path,
         *,
-        rig: Rig | str | Path | None = None,
+        rig: "Rig | str | Path | None" = None,
         size: tuple[int, int] | str | None = None,
-        view: View = "front",
-        character: Character | str | None = None,
+        view: "View" = "front",
+        character: "Character | str | None" = None,
         background: str = "studio",
         alpha: bool = False,
-        renderer: RendererName = "cpu",
+        renderer: "RendererName" = "cpu",
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Write a file; its suffix is its format (.glb, .vrma, .bvh, .mp4, .npz, .csv, .usdz, .fbx ...).
@@ -73,10 +75,20 @@ class Animation(AnimatedSound):
         Raises:
             EchoAvatarError: the suffix is unknown, the rig does not fit it, or the file cannot be written there.
         """
-        own = read_rig(Path(rig)) if isinstance(rig, str | Path) else rig
+        if isinstance(rig, str | Path):
+            from echoavatar.files.exports import read_rig
+
+            rig = read_rig(Path(rig))
+        if Path(path).suffix.lower() not in FILMS:
+            write_take(Path(path), self.take, rig=rig)
+            return
+        from echoavatar.files.avatar import load_character
+        from echoavatar.files.avatar.framing import picture_size
+        from echoavatar.files.avatar.video import Shot
+
         who = load_character(character) if isinstance(character, str) else character
         shot = Shot(picture_size(size, view), view, background, alpha, renderer=renderer)
-        write_take(Path(path), self.take, rig=own, character=who, shot=shot, progress=progress)
+        write_take(Path(path), self.take, rig=rig, character=who, shot=shot, progress=progress)
 
     def to_numpy(self) -> dict[str, np.ndarray]:
         """`Motion.to_numpy`, and `audio` (s) at 24 kHz and, where there is a face, `face` (t, 52) ARKit curves 0..1."""
@@ -85,6 +97,10 @@ class Animation(AnimatedSound):
 
     def to_html(self) -> str:
         """A page of its own, about 3 MB, with the avatar to turn and its sound; needs no network and no server."""
+        from echoavatar.files.avatar import load_character
+        from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
+        from echoavatar.files.avatar.page import PageClip, page_text
+
         motion, sound = self.take.on_humanoid().motion, io.BytesIO()
         soundfile.write(sound, np.clip(self.audio, -1, 1), SAMPLE_RATE_HZ, format="OGG", subtype="VORBIS")
         moving = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, self.face)

@@ -3,6 +3,7 @@
 Nothing is ever unpickled. Uses `config`, `json_reader`, `limits` and `errors` only.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -138,12 +139,18 @@ def round_to_int8(weight: Float[np.ndarray, "o i"]) -> Rounded:
     Weights that are integers x scale already keep their integers.
     """
     scale = np.maximum(np.abs(weight).max(1, keepdims=True) / np.float32(127), np.float32(1e-12))
-    twister = np.random.MT19937()
-    twister._legacy_seeding(0)  # the numbers of torch's generator with seed 0
-    threshold = (twister.random_raw(weight.size) & 0xFFFFFF).astype(np.float32).reshape(weight.shape)
-    threshold = threshold * np.float32(2.0**-24) * np.float32(1 - 2 * _EXACT) + np.float32(_EXACT)
-    rounded = np.clip(np.floor(weight / scale + threshold), -127, 127)
+    rounded = weight / scale
+    rounded += _thresholds(1 << (weight.size - 1).bit_length())[: weight.size].reshape(weight.shape)
+    np.clip(np.floor(rounded, out=rounded), -127, 127, out=rounded)
     return Rounded(rounded.astype(np.int8), scale)
+
+
+@functools.lru_cache(maxsize=1)
+def _thresholds(count: int) -> Float[np.ndarray, " n"]:
+    """For each weight of a matrix, the part of a step from which it is rounded up."""
+    drawn = np.frombuffer(np.random.RandomState(0).bytes(4 * count), "<u4")  # as torch's generator with seed 0
+    threshold = (drawn & 0xFFFFFF).astype(np.float32)
+    return threshold * np.float32(2.0**-24) * np.float32(1 - 2 * _EXACT) + np.float32(_EXACT)
 
 
 def _array(path: Path, key: str, entry: Mapping[str, object]) -> np.ndarray:

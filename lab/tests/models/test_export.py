@@ -109,7 +109,7 @@ def test_steps_are_undone_and_restored_to_the_bit(bundle: Bundle, voice: np.ndar
     for chunk in rest:
         before = state.snapshot()
         made.append(pipeline.step(chunk, state, both)[1])
-        patches.append(changes(before, state, 1))
+        patches.append(changes(zip(before, state.arrays(), strict=True), 1, 1))
     for patch in reversed(patches):
         undo(patch, state, 1)
     for tensor, saved in zip(state.arrays(), kept, strict=True):

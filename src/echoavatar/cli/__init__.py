@@ -88,8 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout = Printable(sys.stdout)
-        atexit.register(gc.freeze)  # or Python looks through all of torch's objects at its end: half a second
-        gc.set_threshold(50_000, 20, 20)  # fewer collections while they are made: a quarter second
+        atexit.register(gc.freeze)  # or Python looks through all objects of the libraries at its end
+        gc.set_threshold(200_000, 20, 20)  # no collections while they are made
     asked = next((word for word in words if not word.startswith("-")), "")
     try:
         os.getcwd()

@@ -14,6 +14,7 @@ from .batch import STDIN, Batch, add_outputs, outputs
 from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, local_path, progress, seed, size
 
 if TYPE_CHECKING:
+    from echoavatar.files.avatar import Character
     from echoavatar.files.exports import Rig
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
@@ -69,12 +70,10 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.engine.words import read_words
-    from echoavatar.files.avatar import load_character
-    from echoavatar.files.exports import check_output, read_rig
+    from echoavatar.files.exports import check_output
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
     from echoavatar.models.audio.files import check_sound
-    from echoavatar.motion.formats.joint_map import read_map
     from echoavatar.motion.stages.modes import MotionOptions
 
     places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
@@ -85,9 +84,13 @@ def run(args: argparse.Namespace) -> int:
     if args.words is not None and len(args.audio) > 1:
         raise EchoAvatarError("--words is for one sound; animate the others by themselves")
     words = read_words(args.words) if args.words else []
-    rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
-    character = load_character(args.character)
-    _check_film(args, places, rig)
+    rig = None
+    if args.rig is not None:
+        from echoavatar.files.exports import read_rig
+        from echoavatar.motion.formats.joint_map import read_map
+
+        rig = read_rig(args.rig, read_map(args.map))
+    character = _character(args, places, rig)
     if len(args.audio) == 1 and args.audio != [STDIN]:
         check_sound(args.audio[0])  # before the model is loaded
     if args.in_place and "leash" in args.without:
@@ -132,19 +135,25 @@ def run(args: argparse.Namespace) -> int:
     return batch.end()
 
 
-def _check_film(args: argparse.Namespace, places: list[Path], rig: "Rig | None") -> None:
-    """Find what a film cannot be before the motion is made."""
-    from echoavatar.files.avatar.avatar_renderer import RENDERERS
+def _character(args: argparse.Namespace, places: list[Path], rig: "Rig | None") -> "Character | None":
+    """Who is filmed, if anybody; find what a film cannot be before the motion is made."""
     from echoavatar.files.exports.formats import FILMS
 
-    if rig is not None and any(output.suffix.lower() in FILMS for output in places):
+    if args.alpha and any(output.suffix.lower() != ".webm" for output in places):
+        raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")
+    if not any(output.suffix.lower() in FILMS for output in places):
+        return None
+    from echoavatar.files.avatar import load_character
+    from echoavatar.files.avatar.avatar_renderer import RENDERERS
+
+    character = load_character(args.character)
+    if rig is not None:
         if not rig.has_mesh:
             raise EchoAvatarError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
         if args.character:
             raise EchoAvatarError("a film shows --rig or --character; leave one of the two out")
     RENDERERS[args.renderer](8, 8, background=args.background)
-    if args.alpha and any(output.suffix.lower() != ".webm" for output in places):
-        raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")
+    return character
 
 
 @contextmanager

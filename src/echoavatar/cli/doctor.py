@@ -38,10 +38,11 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "prometheus_client": "serve",
     "pxr": "usd",
     "pyvirtualcam": "camera",
-    "torch": "torch",
     "ray": "ray",
+    "scipy": "torch",
     "shtab": "completion",
     "starlette": "serve",
+    "torch": "torch",
     "uvicorn": "serve",
     "websockets": "serve",
 }

@@ -309,7 +309,8 @@ class Engine:
         for row, session in zip(rows, ready, strict=True):
             if session.is_new:
                 this = np.ones(1, np.bool_)
-                self.pipeline.reset(self._row(session), this, seed=session.seed, options=session.options)
+                own = self._state.rows(slice(session.seat, session.seat + 1))  # views
+                self.pipeline.reset(own, this, seed=session.seed, options=session.options)
                 session.is_new = False
             plan = session.begin_chunk(self._codes)
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
@@ -325,18 +326,14 @@ class Engine:
         told |= {"manner": manner, "hands": hands} if self.pipeline.has_manner else {}
         chunks = self.pipeline.step(audio, state, active, **told)
         undoing: list[list[Patch]] = [[] for _ in ready]
+        pairs = list(zip(self._state.arrays(), state.arrays(), strict=True))
         if self._rewind:
-            before = [list(self._row(session).arrays()) for session in ready]
-            undoing = [changes(old, state.rows(slice(row, row + 1)), 0) for old, row in zip(before, rows, strict=True)]
-        for whole, part in zip(self._state.arrays(), state.arrays(), strict=True):
+            undoing = [changes(pairs, session.seat, row) for session, row in zip(ready, rows, strict=True)]
+        for whole, part in pairs:
             whole[seats] = part
         for row, session, patches in zip(rows, ready, undoing, strict=True):
             with suppress(Exception):  # the session notes it as its error
                 session.end_chunk(chunks[row], patches)
-
-    def _row(self, session: SessionCore) -> Any:
-        """The session's row of the state, as views."""
-        return self._state.rows(slice(session.seat, session.seat + 1))
 
 
 def load(

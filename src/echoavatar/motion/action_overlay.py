@@ -51,9 +51,10 @@ class Hands:
         """The inverse of `to_json`."""
         shares = np.asarray(stored["shares"], np.float32) / 1000
         names = tuple(stored["joints"])
-        rows = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in stored["joints"].values()]
-        vectors = np.stack([np.broadcast_to(row, (len(shares), 3)) for row in rows], axis=1)
-        rotations = quaternion_from_axis_angle(vectors)
+        vectors = np.empty((len(shares), len(names), 3), np.float32)
+        for at, row in enumerate(stored["joints"].values()):
+            vectors[:, at] = np.asarray(row, np.float32).reshape(-1, 3)
+        rotations = quaternion_from_axis_angle(vectors * np.float32(UNIT))
         if not (np.isfinite(rotations).all() and ((shares >= 0) & (shares <= 1)).all()):
             raise ValueError("rotations of hands that are not finite, or shares that are not from 0 to 1")
         return cls(names, rotations, np.repeat(shares[:, None], len(names), axis=1))

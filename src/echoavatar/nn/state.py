@@ -1,6 +1,5 @@
 """The past of a running module as a value. Loads no torch."""
 
-import copy
 from collections.abc import Callable, Iterator
 from typing import Any, Self
 
@@ -25,7 +24,7 @@ class StreamState:
 
     def mapped(self, change: Callable[[Any], Any]) -> Self:
         """The same state with other arrays: what `change` makes of each, in the order of `arrays`."""
-        new = copy.copy(self)
+        new = object.__new__(type(self))  # `copy` takes five times as long, and a chunk maps a hundred states
         vars(new).update({name: _mapped(value, change) for name, value in vars(self).items()})
         return new
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from echoavatar.files.avatar import Character
 from echoavatar.files.avatar.halfway import BONES, PARENTS, SOURCES
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, SkinWeights
 
 
 def bone_weights(character: Character) -> np.ndarray:
@@ -20,3 +20,8 @@ def humanoid_weights(character: Character) -> np.ndarray:
     for row, parent in enumerate(PARENTS):
         dense[:, parent] += halves[:, row] / 2
     return dense
+
+
+def as_skin(dense: np.ndarray) -> SkinWeights:
+    """A matrix (v, j) as the body's measures take it."""
+    return SkinWeights(np.broadcast_to(np.arange(dense.shape[1]), dense.shape), dense)

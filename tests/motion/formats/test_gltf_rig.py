@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.files.avatar.weights import humanoid_weights
+from tests.files.avatar.weights import as_skin, humanoid_weights
 from tests.files.exports.bodies import CHILD, MIXAMO, child, long_armed
 
 from echoavatar.errors import MotionError
@@ -155,9 +155,9 @@ def test_a_glb_gives_the_profile_of_the_mesh_it_was_made_of(glb: Path) -> None:
     rest, bones = read.skeleton.rest_positions, bone_map(read.skeleton)
     for bone, joint in bone_map(HUMANOID).items():
         np.testing.assert_allclose(rest[bones[bone]], HUMANOID.rest_positions[joint], atol=1e-4)
-    np.testing.assert_allclose(read.weights.sum(1), 1, atol=1e-5)
+    np.testing.assert_allclose(read.weights.shares.sum(1), 1, atol=1e-5)
     profile = measure_body(*read)
-    wanted = measure_body(HUMANOID, character.positions, humanoid_weights(character))
+    wanted = measure_body(HUMANOID, character.positions, as_skin(humanoid_weights(character)))
     for ours, theirs in zip(profile.parts, wanted.parts, strict=True):
         across = [0, 2]  # how far a slice reaches up and down depends on where a file puts its vertices
         loose = 0.04 if ours.bone == "neck" else 0.012  # so does what counts as the chin's or the neck's

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.files.avatar.weights import humanoid_weights
+from tests.files.avatar.weights import as_skin, humanoid_weights
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import MATERIALS, load_character
@@ -51,7 +51,7 @@ SKIN = ~np.array([material.name in ("hair", "lash") for material in MATERIALS])[
 
 def test_the_shipped_character_is_what_the_fallback_says_it_is() -> None:
     """The fallback's numbers were measured on it; cloth may change by two centimetres before this asks."""
-    measured = measure_body(HUMANOID, CHARACTER.positions[SKIN], humanoid_weights(CHARACTER)[SKIN])
+    measured = measure_body(HUMANOID, CHARACTER.positions[SKIN], as_skin(humanoid_weights(CHARACTER)[SKIN]))
     known = body_of_rig(HUMANOID)
     assert [part.bone for part in measured.parts] == [part.bone for part in known.parts]
     for ours, theirs in zip(known.parts, measured.parts, strict=True):
@@ -81,25 +81,26 @@ def test_a_finely_meshed_mouth_does_not_outvote_the_skull() -> None:
     positions, weights = CHARACTER.positions[SKIN], humanoid_weights(CHARACTER)[SKIN]
     lips = np.flatnonzero((weights.argmax(1) == HUMANOID.index("head")) & (positions[:, 2] > 0.08))
     order = np.concatenate([np.arange(len(positions)), np.repeat(lips, 8)])
-    finer = measure_body(HUMANOID, positions[order], weights[order])
-    assert finer.parts == measure_body(HUMANOID, positions, weights).parts
+    finer = measure_body(HUMANOID, positions[order], as_skin(weights[order]))
+    assert finer.parts == measure_body(HUMANOID, positions, as_skin(weights)).parts
 
 
 @pytest.mark.parametrize(("noise", "change"), [(1e-6, 2e-4), (1e-4, 1e-3)])
 def test_rounding_changes_no_measure_by_more_than_its_size(noise: float, change: float) -> None:
     """No slice, cell or vertex decides alone."""
-    draw, weights = np.random.default_rng(0), humanoid_weights(CHARACTER)[SKIN]
+    draw, weights = np.random.default_rng(0), as_skin(humanoid_weights(CHARACTER)[SKIN])
     profile = measure_body(HUMANOID, CHARACTER.positions[SKIN], weights)
     for _ in range(4):
-        moved = CHARACTER.positions[SKIN] + draw.normal(0, noise, (len(weights), 3))
+        moved = CHARACTER.positions[SKIN] + draw.normal(0, noise, (SKIN.sum(), 3))
         for one, other in zip(profile.parts, measure_body(HUMANOID, moved, weights).parts, strict=True):
             np.testing.assert_allclose(one.centre + one.radii, other.centre + other.radii, atol=change)
 
 
 def test_meshes_that_do_not_fit_are_refused() -> None:
-    vertices, weights = np.zeros((100, 3), np.float32), np.zeros((100, HUMANOID.joints), np.float32)
-    with pytest.raises(MotionError, match="do not fit a rig of 52 joints"):
-        measure_body(HUMANOID, vertices, weights[:, :4])
+    vertices, weights = np.zeros((100, 3), np.float32), as_skin(np.zeros((100, HUMANOID.joints), np.float32))
+    for strange in (as_skin(weights.shares[:4]), weights._replace(joints=weights.joints + 1)):
+        with pytest.raises(MotionError, match="do not fit a rig of 52 joints"):
+            measure_body(HUMANOID, vertices, strange)
     with pytest.raises(MotionError, match="follow the head"):
         measure_body(HUMANOID, vertices, weights)
     vertices[3] = np.nan

@@ -16,7 +16,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from echoavatar import hub
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.models.audio.codec_config import CodecConfig
@@ -208,6 +207,8 @@ def _folder(name: str | Path) -> Iterator[Path]:
         return
     folder = Path(name)
     if not folder.is_dir() and _HUB_NAME.fullmatch(str(name)):
+        from echoavatar import hub
+
         try:
             folder = hub.fetch(str(name))
         except EchoAvatarError as error:

@@ -4,6 +4,7 @@ A step writes about a tenth of a row, so only the overwritten values are kept. U
 restores the state of n steps ago to the bit.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,10 +22,12 @@ class Patch(NamedTuple):
     values: Any  # a GPU's row is a tensor
 
 
-def changes(before: list[Any], state: StreamState, row: int) -> list[Patch]:
-    """The values that a step overwrote in a row; `before` is the state's `snapshot` from before the step."""
-    one = slice(row, row + 1)
-    return [_patch(old[one], new[one]) for old, new in zip(before, state.arrays(), strict=True)]
+def changes(pairs: Iterable[tuple[Any, Any]], before: int, after: int) -> list[Patch]:
+    """The values that a step overwrote in a row: `pairs` are the arrays of the states before and after it.
+
+    `before` and `after` are the row's numbers in them.
+    """
+    return [_patch(old[before : before + 1], new[after : after + 1]) for old, new in pairs]
 
 
 def undo(patches: list[Patch], state: StreamState, row: int) -> None:

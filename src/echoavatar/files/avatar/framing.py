@@ -6,9 +6,9 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics.windows import weighted_mean, windows
 
 from .character import Character
 from .render import Camera
@@ -74,7 +74,9 @@ def path(
     """
     if view in CLOSE:
         joint, times = followed(view, character)
-        heads = gaussian_filter1d(positions[:, joint], FOLLOW_SECONDS * fps, axis=0, mode="nearest")
+        deviations = np.arange(4 * FOLLOW_SECONDS * fps + 1) / (FOLLOW_SECONDS * fps)
+        bell = np.exp(-0.5 * np.append(-deviations[:0:-1], deviations) ** 2)
+        heads = weighted_mean(positions[:, joint], bell)
         return [aimed(view, place, times) for place in heads]
     away = _offset(view)
     axes = _camera(away, 0 * away).axes()
@@ -130,7 +132,7 @@ def _places(
         aim, depth = _smooth(hips[:, :2], aside, fps), _smooth(hips[:, 2], along, fps)
         aim = aim + _middle(edges.mean(2) - aim)
         needed = (np.abs(edges - aim[..., None]).max(2) / slopes).max(1) - depth
-        far = depth + _smooth(maximum_filter1d(needed, 4 * _half(along, fps, len(aim)) + 1, mode="nearest"), along, fps)
+        far = depth + _smooth(windows(needed, 2 * _half(along, fps, len(aim))).max(-1), along, fps)
         found.append((float((far - hips[:, 2]).mean()), np.column_stack([aim, far])))
     most = _FARTHER * found[-1][0]
     return next(places for distance, places in found if distance <= most)
@@ -141,7 +143,7 @@ def _smooth(values: Array, hold: float, fps: float) -> Array:
     if math.isinf(hold):
         return np.broadcast_to(_middle(values), values.shape)
     for _ in range(2):
-        values = uniform_filter1d(values, 2 * _half(hold, fps, len(values)) + 1, axis=0, mode="nearest")
+        values = windows(values, _half(hold, fps, len(values))).mean(-1)
     return values
 
 

@@ -125,6 +125,8 @@ class Renderer:
         if alpha:
             self._empty = np.zeros((height, width, 4), np.uint8)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
+        near = np.abs(np.subtract.outer(np.arange(CONTACT_CELLS), np.arange(CONTACT_CELLS))) <= 4
+        self._softer = np.linalg.matrix_power(near / np.float32(9), 3)  # means of nine cells, thrice
         self._strength = np.array(self._backdrop.shadow, np.float32)
         self._tone = tone_curve()
         self._bounds = np.zeros((3, 2, 3), np.float32)
@@ -211,14 +213,11 @@ class Renderer:
 
     def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Fill the contact shadow; returns the body's middle on the floor, and the map from metres to cells."""
-        from scipy.ndimage import uniform_filter
-
         middle = self._bounds[0, :, ::2].mean(0)
         scale = CONTACT_CELLS / CONTACT_METRES
         contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
         shading.nearness(points, self._contact, contact_map)
-        for _ in range(3):
-            uniform_filter(self._contact, 9, self._contact, mode="constant")
+        self._contact[:] = self._softer @ self._contact @ self._softer
         return middle, contact_map
 
     @property

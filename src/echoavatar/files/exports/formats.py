@@ -11,37 +11,31 @@ import numpy as np
 from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import write_bvh
-from echoavatar.motion.formats.gltf_data import refusing_damage
 from echoavatar.motion.formats.tables import write_csv, write_live_link, write_npz
 from echoavatar.motion.kinematics.upright import OURS
 from echoavatar.whole_file import write_whole
 
-from ..avatar import Character, load_character
-from ..avatar.gltf import GltfAnimation, pack_glb
-from .blender import find_blender, write_fbx
-from .rig_character import film_character
-from .smplx import write_smplx
 from .take import Take
-from .target_rig import Rig, pack_on_rig
-from .usd import SUFFIXES as USD
-from .usd import write_usd
-from .vrma import pack_vrma
 
 if TYPE_CHECKING:
-    from ..avatar.video import Shot  # loads FFmpeg
+    from ..avatar import Character
+    from ..avatar.video import Shot
+    from .target_rig import Rig
 
+# Each writer imports what its format needs, so that none pays for the others.
+USD = (".usda", ".usdc", ".usdz")
 FILMS = (".mp4", ".webm")
 FACE_CSV, FACE47_CSV, SMPLX_NPZ = ".face.csv", ".face47.csv", ".smplx.npz"  # endings that are longer than a suffix
 SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
-Writer = Callable[[Path, Take, Rig | None], None]
+Writer = Callable[[Path, Take, "Rig | None"], None]
 
 
 def write_take(
     path: Path,
     take: Take,
     *,
-    rig: Rig | None = None,
-    character: Character | None = None,
+    rig: "Rig | None" = None,
+    character: "Character | None" = None,
     shot: "Shot | None" = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
@@ -58,6 +52,8 @@ def write_take(
         take = take.on_humanoid() if rig is None else rig.retarget(take)
         face, audio = take.face, np.zeros(0, np.float32) if take.audio is None else take.audio
         if rig is not None:
+            from .rig_character import film_character
+
             character, face = film_character(rig, face, take.motion.frames)
         write_film(path, take.motion, audio, face=face, character=character, shot=shot, progress=progress)
         return
@@ -84,27 +80,38 @@ def check_output(output: Path, *, has_rig: bool) -> None:
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
     if suffix == ".fbx":
+        from .blender import find_blender
+
         find_blender()
 
 
-def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
+def _bvh(path: Path, take: Take, rig: "Rig | None") -> None:
     motion, stand = take.motion, OURS if rig is None else rig.stand
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, stand=stand)
 
 
-def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
+def _packed(path: Path, take: Take, rig: "Rig | None") -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
+        from .target_rig import pack_on_rig
+
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
         return pack_on_rig(rig.gltf, take)
+    from ..avatar import load_character
+    from ..avatar.gltf import GltfAnimation, pack_glb
+
     take = take.on_humanoid()
     motion = take.motion
     animation = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, take.face)
     return pack_glb(load_character(), [animation])
 
 
-def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
+def _vrma(path: Path, take: Take, rig: "Rig | None") -> None:
+    from echoavatar.motion.formats.gltf_data import refusing_damage
+
+    from .vrma import pack_vrma
+
     if rig is None:
         data = pack_vrma(take.on_humanoid())
     else:
@@ -113,28 +120,47 @@ def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
     write_whole(path, data, error=MotionError)
 
 
-def _npz(path: Path, take: Take, _: Rig | None) -> None:
+def _npz(path: Path, take: Take, _: "Rig | None") -> None:
     face = {} if take.face is None else {"face": take.face, "face_names": np.array(ARKIT_NAMES)}
     write_npz(path, take.motion, **face)
 
 
-def _csv(path: Path, take: Take, rig: Rig | None) -> None:
+def _csv(path: Path, take: Take, rig: "Rig | None") -> None:
     write_csv(path, take.motion)
     if take.face is not None:
         _face_csv(path.with_suffix(FACE_CSV), take, rig)
 
 
-def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
+def _face_csv(path: Path, take: Take, _: "Rig | None") -> None:
     write_live_link(path, _face(path, take), take.motion.fps)
 
 
-def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
+def _face47_csv(path: Path, take: Take, _: "Rig | None") -> None:
     for entry in entry_points(group="echoavatar.exports", name=FACE47_CSV):
         entry.load()(path, _face(path, take), take.motion.fps)
         return
     raise DependencyError(
         f"{path.name!r} is written by echoavatar-lab; in a clone of the repository: pip install ./lab"
     )
+
+
+def _smplx(path: Path, take: Take, _: "Rig | None") -> None:
+    from .smplx import write_smplx
+
+    write_smplx(path, take)
+
+
+def _usd(path: Path, take: Take, _: "Rig | None") -> None:
+    from ..avatar import load_character
+    from .usd import write_usd
+
+    write_usd(path, load_character(), take)
+
+
+def _fbx(path: Path, take: Take, rig: "Rig | None") -> None:
+    from .blender import write_fbx
+
+    write_fbx(path, _packed(path, take, rig), take.motion.fps)
 
 
 def _face(path: Path, take: Take) -> np.ndarray:
@@ -146,12 +172,12 @@ def _face(path: Path, take: Take) -> np.ndarray:
 _WRITERS: Mapping[str, Writer] = {  # by the ending of the file's name, the longer ones first
     FACE_CSV: _face_csv,
     FACE47_CSV: _face47_csv,
-    SMPLX_NPZ: lambda path, take, _: write_smplx(path, take),
+    SMPLX_NPZ: _smplx,
     ".bvh": _bvh,
     **dict.fromkeys((".glb", ".vrm"), lambda path, *take: write_whole(path, _packed(path, *take), error=MotionError)),
     ".vrma": _vrma,
-    **dict.fromkeys(USD, lambda path, take, _: write_usd(path, load_character(), take)),
-    ".fbx": lambda path, take, rig: write_fbx(path, _packed(path, take, rig), take.motion.fps),
+    **dict.fromkeys(USD, _usd),
+    ".fbx": _fbx,
     ".npz": _npz,
     ".csv": _csv,
 }

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +11,14 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.gltf_clip import read_gltf_clip
-from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.motion import frame_ratio, resample
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rigs import JointMap
 from echoavatar.timing import SAMPLE_RATE_HZ
+
+if TYPE_CHECKING:
+    from echoavatar.motion.kinematics.rigs import JointMap
 
 CLIPS = (".glb", ".gltf", ".vrm", ".vrma")
 
@@ -45,7 +46,7 @@ class Take:
         return Take(motion, face, self.audio)
 
 
-def read_take(path: Path, given: JointMap | None = None, animation: str | None = None) -> Take:
+def read_take(path: Path, given: "JointMap | None" = None, animation: str | None = None) -> Take:
     """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH or glTF, whose bones `given` may name.
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
@@ -55,11 +56,15 @@ def read_take(path: Path, given: JointMap | None = None, animation: str | None =
     if path.suffix.lower() == ".bvh":
         return Take(read_bvh(path, given))
     if path.suffix.lower() in CLIPS:
+        from echoavatar.motion.formats.gltf_clip import read_gltf_clip
+
         return Take(read_gltf_clip(path, animation, given))
     if given is not None:
         raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; give what `animate` or `say` wrote")
+    from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
+
     try:
         with NpzArrays(path, MotionError) as packed:
             if is_smpl(packed):

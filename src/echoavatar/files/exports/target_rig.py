@@ -232,7 +232,7 @@ def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
         of_feet = list(feet)
         for joint, parent in enumerate(plain.parents):
             of_feet += [joint] if parent in of_feet else []
-        is_foot = body.weights[:, of_feet].sum(1) > 0.5
+        is_foot = body.weights.on(of_feet) > 0.5
         low = body.vertices[is_foot if is_foot.any() else slice(None), 1].min()
     return _on_feet(skeleton, float(rest[feet, 1].min() - low))
 

@@ -21,8 +21,6 @@ from ..avatar.gltf import checked
 from ..avatar.halfway import BONES, PARENTS, REST, SOURCES, half
 from .take import Take
 
-SUFFIXES = (".usda", ".usdc", ".usdz")
-
 
 def write_usd(path: Path, character: Character, take: Take) -> None:
     """Write our character with a take, which is retargeted to our rig first.

@@ -19,7 +19,7 @@ BISECTIONS = 40
 class Weights(NamedTuple):
     """A frozen generator; norm scales are folded into the products that follow them."""
 
-    embedding: np.ndarray  # (v, c)
+    embedding: Matrices  # (1, v, c); its scales are those of its rows
     qkv: Matrices
     out: Matrices
     gate_up: Matrices
@@ -172,6 +172,12 @@ def _read(weights, x, keys, values, at, index, hidden):  # type: ignore[no-untyp
     _normalise(x, weights.eps, hidden)
 
 
+@kernel()  # the product is rounded before anything is added to it
+def _embed(embedding, at, x):  # type: ignore[no-untyped-def]
+    for i in range(x.shape[0]):
+        x[i] = F(embedding.weight[0, at, i]) * embedding.scale[0, at]
+
+
 @kernel(reorders=True)
 def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # type: ignore[no-untyped-def]
     rows, width = hidden.shape
@@ -190,9 +196,9 @@ def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # t
         if index == count - 1:
             return
         for row in range(rows):
-            chosen = weights.embedding[weights.starts[segment] + codes[row, index]]
+            _embed(weights.embedding, weights.starts[segment] + codes[row, index], x[row])
             for i in range(width):
-                x[row, i] = chosen[i] + steering.hint[row, i]
+                x[row, i] += steering.hint[row, i]
         _read(weights, x, keys, values, at, index, hidden)
 
 

@@ -247,7 +247,7 @@ class Decoder:
 
         starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
         return compiled.Weights(
-            self._embedding.numpy(),
+            stacked([(self._embedding.numpy(), None)]),
             joined(*(layer.qkv for layer in layers)),
             joined(*(layer.out for layer in layers)),
             joined(*(layer.gate_up for layer in layers)),

@@ -5,6 +5,7 @@ depth transformer draws the frame's 3 Q codes one after another; the backbone's 
 Both run in the compiled loop. Memory is bounded: the state holds keys and values of the window.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,7 @@ from echoavatar.stored import Stored, check_shapes
 from ..noise import uniform_noise
 from .compiled import Draws, Positions, Steering, draw_codes, read_position
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
-from .frozen import Frozen, shapes
+from .frozen import Frozen, rows_of, shapes
 from .manner import HEIGHTS, near_knots
 
 
@@ -50,12 +51,12 @@ class FrameStream:
         """
         check_shapes(shapes(config), {name: stored.shape for name, stored in arrays.items()}, origin="the generator")
         self.config, layout = config, config.layout
-        frozen = self._frozen = Frozen(arrays, rounds=rounds)
-        motion = layout.motion_base + np.arange(layout.segments * layout.motion_codes)
-        heads = frozen.rows("lm_head.weight", motion).reshape(layout.segments, layout.motion_codes, -1)
+        frozen, self._table = Frozen(arrays, rounds=rounds), arrays["model.embed_tokens.weight"]
+        motion = slice(layout.motion_base, layout.motion_base + layout.segments * layout.motion_codes)
+        heads = rows_of(arrays["lm_head.weight"], motion).reshape(layout.segments, layout.motion_codes, -1)
         self._backbone = frozen.body("model", config, [frozen.floats("depth.condition.weight")])
         self._depth = frozen.body("depth.body", config.depth, heads)._replace(
-            embedding=frozen.rows("depth.body.embed_tokens.weight", motion),
+            embedding=frozen.plain("depth.body.embed_tokens.weight", motion),
             starts=np.arange(layout.segments) * layout.motion_codes,
         )
         self._sound = frozen.plain("depth.sound.weight")
@@ -67,6 +68,7 @@ class FrameStream:
                 gates[0][row] = frozen.floats(f"{name}.gate_proj.weight")[0] * after
                 gates[1][row] = frozen.floats(f"{name}.gate_proj.bias")[0]
         self._gates = gates
+        self._within = functools.lru_cache(maxsize=16)(self._in_a_frame)
         self._maps = {
             name: frozen.plain(f"{name}.weight")
             for name in ("exemplar.hint_proj", "manner.proj", "manner.codes_proj")
@@ -131,21 +133,23 @@ class FrameStream:
         hidden = read_position(self._backbone, x, *_parts(state.rings), at)
         condition = _mapped(self._backbone.heads, hidden)
 
-        count, depth = layout.segments, config.depth
-        places = np.broadcast_to(np.arange(count), (rows, count))
-        seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
-        own, within = (
-            _parts([_ring(rows, depth, count) for _ in range(depth.layers)]),
-            _positions(places, places, seen, depth),
-        )
+        own = _parts([_ring(rows, config.depth, layout.segments) for _ in range(config.depth.layers)])
+        within, later = self._within(rows)
         first = read_position(self._depth, condition, *own, within)
         steering = Steering(np.array(config.directed), condition, raised, bias, *self._gates)
-        later = Positions(*(part[:, 1:] for part in within))
         drawn = draw_codes(self._depth, first, *own, later, self._draws(seeds, state.frames), steering)
         state.last[:] = drawn.reshape(state.last.shape)
         state.frames += 1
         codes: np.ndarray = state.last
         return codes
+
+    def _in_a_frame(self, rows: int) -> tuple[Positions, Positions]:
+        """The positions of a frame's codes, each of which sees those before it: of all, and of all but the first."""
+        count = self.config.layout.segments
+        places = np.broadcast_to(np.arange(count), (rows, count))
+        seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
+        within = Positions(*map(np.ascontiguousarray, _positions(places, places, seen, self.config.depth)))
+        return within, Positions(*(np.ascontiguousarray(part[:, 1:]) for part in within))
 
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
         """Noise, temperature and nucleus of a frame; see `sampling.make_sampler`."""
@@ -160,14 +164,14 @@ class FrameStream:
         """The backbone's input from the audio codes of a frame: the layers of each audio frame summed, all mapped."""
         layout = self.config.layout
         ids = sound + layout.audio_base + np.arange(layout.audio_layers) * layout.audio_codes
-        each = self._frozen.rows("model.embed_tokens.weight", ids).sum(2)
+        each = rows_of(self._table, ids).sum(2)
         return _mapped(self._sound, each.reshape(len(sound), -1))
 
     def _moved(self, state: FrameState) -> Float[np.ndarray, "b c"]:
         """The backbone's input from the codes of the frame before; the start id stands before the first."""
         ids = state.last.reshape(len(state.last), -1) + self._starts
-        moved = self._frozen.rows("model.embed_tokens.weight", ids).sum(1)
-        start = self._frozen.rows("model.embed_tokens.weight", [self.config.layout.start_id])
+        moved = rows_of(self._table, ids).sum(1)
+        start = rows_of(self._table, [self.config.layout.start_id])
         return np.where(state.frames[:, None] == 0, start, moved)
 
     def _steer(
@@ -185,7 +189,7 @@ class FrameStream:
             raised[:, 0], first = exemplar, layout.segment_start(config.directed[0])
             for row, members in enumerate(exemplar):
                 (members_of_row,) = np.nonzero(members)
-                embedded = self._frozen.rows("model.embed_tokens.weight", first + members_of_row)
+                embedded = rows_of(self._table, first + members_of_row)
                 total = (members[members_of_row, None] * embedded).sum(0) * max(len(members_of_row), 1) ** -0.5
                 hint[row] = _mapped(self._maps["exemplar.hint_proj"], total[None].astype(F))[0]
         if manner is not None and "manner.proj" in self._maps:

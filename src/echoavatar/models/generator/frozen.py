@@ -33,17 +33,12 @@ class Frozen:
         stored = self._arrays[name]
         return stored.floats() if isinstance(stored, Rounded) else stored.astype(F, copy=False)
 
-    def rows(self, name: str, which: Sequence[int] | np.ndarray | slice) -> Float[np.ndarray, "... i"]:
-        """Some rows of a matrix in float32."""
+    def plain(self, name: str, which: slice = slice(None)) -> Matrices:
+        """A map as it is stored, or some of its rows."""
         stored = self._arrays[name]
         if isinstance(stored, Rounded):
-            return np.asarray(stored.integers[which] * stored.scale[which])
-        return np.asarray(stored[which], F)
-
-    def plain(self, name: str) -> Matrices:
-        """A map as it is stored."""
-        stored = self._arrays[name]
-        return stacked([(stored if isinstance(stored, Rounded) else stored.astype(F), None)])
+            return stacked([(Rounded(stored.integers[which], stored.scale[which]), None)])
+        return stacked([(stored[which].astype(F), None)])
 
     def body(self, prefix: str, config: GeneratorConfig, heads: Iterable[np.ndarray]) -> Weights:
         """A transformer, and what is read from its normed hidden state: maps of equal sizes."""
@@ -51,7 +46,7 @@ class Frozen:
         layers = [f"{prefix}.layers.{layer}" for layer in range(config.layers)]
         after = self.floats(f"{prefix}.norm.weight") * root
         return Weights(
-            np.zeros((1, config.width), F),
+            Matrices(np.zeros((1, 1, config.width), F), np.ones((1, 1), F), np.zeros((1, 1), F)),
             stacked([self._qkv(layer, config, root) for layer in layers]),
             stacked([(self._map(f"{layer}.self_attn.o_proj.weight"), None) for layer in layers]),
             stacked([(self._gate_up(layer, root), None) for layer in layers]),
@@ -107,6 +102,13 @@ def shapes(config: GeneratorConfig) -> dict[str, tuple[int, ...]]:
     for name in {name.partition(".")[0] for name in found} & {"exemplar", "manner"}:
         found |= {f"{name}.gate_proj.weight": (1, read), f"{name}.gate_proj.bias": (1,)}
     return found
+
+
+def rows_of(stored: Stored, which: Sequence[int] | np.ndarray | slice) -> Float[np.ndarray, "... i"]:
+    """Some rows of a matrix in float32."""
+    if isinstance(stored, Rounded):
+        return np.asarray(stored.integers[which] * stored.scale[which])
+    return np.asarray(stored[which], F)
 
 
 def _paired(rows: np.ndarray, head_width: int) -> np.ndarray:

@@ -16,12 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import JOINTS, PRIMITIVES, SKIN_JOINTS, VERTICES
 
-from ..kinematics import Skeleton, SkeletonConfig
+from ..kinematics import Skeleton, SkeletonConfig, SkinWeights
 from ..kinematics.alignment import has_rest_pose
 from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
@@ -253,7 +252,7 @@ class Skinned(NamedTuple):
 
     skeleton: Skeleton
     vertices: Float[Array, "v 3"]
-    weights: csr_array  # (v, j) float32: few joints move a vertex
+    weights: SkinWeights
 
 
 def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
@@ -275,7 +274,7 @@ def skinned(rig: GltfRig) -> Skinned:
             )
         plain = plain_rig(rig.skeleton)
         vertices, weights = _skin(rig, plain)
-        if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
+        if not (np.isfinite(vertices).all() and np.isfinite(weights.shares).all()):
             raise ValueError("vertices or weights that are not finite")
     return Skinned(plain.skeleton, vertices, weights)
 
@@ -291,8 +290,8 @@ def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
     return moves
 
 
-def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], csr_array]:
-    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints."""
+def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], SkinWeights]:
+    """The skinned vertices of all meshes, and their weights on the rig's joints."""
     vertices, owners, shares = [], [], []
     for part in parts_of(rig, plain):
         own = part.is_own
@@ -301,11 +300,13 @@ def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], csr_array
         shares.append(part.shares[own].astype(np.float32))
     if not sum(map(len, vertices)):
         raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
-    share = np.concatenate(shares)
-    starts = np.arange(0, share.size + 1, 4)
-    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))
-    weights.sum_duplicates()
-    return np.concatenate(vertices), weights
+    joints, share = np.concatenate(owners), np.concatenate(shares)
+    for later in range(1, joints.shape[1]):  # two joints of a file may be one of the rig's
+        for slot in range(later):
+            same = joints[:, slot] == joints[:, later]
+            share[same, slot] += share[same, later]
+            share[same, later] = 0
+    return np.concatenate(vertices), SkinWeights(joints, share)
 
 
 BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from pydantic import Field, ValidationError
-from scipy.sparse import csr_array
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object_file
 from echoavatar.whole_file import write_whole
 
-from ..kinematics import HUMANOID, Skeleton
+from ..kinematics import HUMANOID, Skeleton, SkinWeights
 from ..kinematics.rigs import bone_map
 
 COLUMN = ("hips", "spine", "chest", "upperChest", "neck", "head")
@@ -126,26 +125,23 @@ GRID = 0.015  # metres
 FEWEST = 24  # vertices of the head, points of the grid in a slice
 
 
-def measure_body(
-    skeleton: Skeleton, vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"] | csr_array
-) -> BodyProfile:
+def measure_body(skeleton: Skeleton, vertices: Float[np.ndarray, "v 3"], weights: SkinWeights) -> BodyProfile:
     """Fit one ellipsoid per bone of spine, neck and head, to the slice of the body that begins at the bone.
 
     Args:
         skeleton: the rig of the mesh, Y up, facing +Z in its rest pose.
         vertices: rest positions, metres.
-        weights: skinning weights over all joints of the rig, rows sum to 1.
+        weights: on joints of the rig.
 
     Raises:
         MotionError: mesh and rig do not fit each other, or the rig's bones are not known.
     """
-    if vertices.shape[1:] != (3,) or weights.shape != (len(vertices), skeleton.joints):
+    if vertices.shape[1:] != (3,) or len(weights.shares) != len(vertices) or weights.joints.max() >= skeleton.joints:
         raise MotionError(
-            f"vertices {vertices.shape} and weights {weights.shape} do not fit a rig of {skeleton.joints} joints;"
-            " pass one row of weights over all joints for each vertex"
+            f"vertices {vertices.shape} and weights {weights.shares.shape} do not fit a rig of {skeleton.joints}"
+            " joints; pass one row of weights for each vertex"
         )
-    weights = csr_array(weights)
-    if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
+    if not (np.isfinite(vertices).all() and np.isfinite(weights.shares).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
     bones, rest = bone_map(skeleton), skeleton.rest_positions
     parts = []
@@ -156,13 +152,13 @@ def measure_body(
 
 
 def _slices(
-    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: csr_array
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: SkinWeights
 ) -> dict[str, tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]]:
     """Cut the body at the joints of the spine: middle and radii of an ellipsoid around each slice, by its bone."""
     column = [bone for bone in COLUMN if bone in bones]
     rest = skeleton.rest_positions
-    is_head = weights[:, [bones["head"]]].sum(1) > 0.5
-    is_trunk = (weights[:, [bones[bone] for bone in column]].sum(1) > 0.5) & ~is_head
+    is_head = weights.on([bones["head"]]) > 0.5
+    is_trunk = (weights.on([bones[bone] for bone in column]) > 0.5) & ~is_head
     if (count := int(is_head.sum())) < FEWEST:
         raise MotionError(f"{count} vertices follow the head, {FEWEST} are needed; check the weights")
     if not is_trunk.any():
@@ -226,11 +222,11 @@ def _around(
 
 
 def _hand(
-    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: csr_array
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: SkinWeights
 ) -> dict[str, float]:
     """Half thickness of palm and fingers: the 80th percentile of their skin's height above or below the bones."""
     found = {}
-    owner = _strongest(weights)
+    owner = weights.joints[np.arange(len(vertices)), weights.shares.argmax(1)]
     fingers = [f"left{digit}{part}" for digit in ("Index", "Middle") for part in ("Proximal", "Intermediate")]
     for name, owners in (("palm", ["leftHand"]), ("finger", fingers)):
         skin = np.isin(owner, [bones[bone] for bone in owners if bone in bones])
@@ -238,13 +234,3 @@ def _hand(
             away = vertices[skin, 1] - skeleton.rest_positions[owner[skin], 1]
             found[name] = round(float(np.quantile(np.abs(away), 0.8)), 4)
     return found
-
-
-def _strongest(weights: csr_array) -> Int[np.ndarray, " v"]:
-    """The joint with the largest weight of each vertex, the first of several; 0 where there is none."""
-    owner, most = np.zeros(weights.shape[0], int), np.zeros(weights.shape[0], weights.dtype)
-    vertex = np.repeat(np.arange(len(owner)), np.diff(weights.indptr))
-    np.maximum.at(most, vertex, weights.data)
-    strongest = np.flatnonzero((weights.data == most[vertex]) & (weights.data > 0))[::-1]
-    owner[vertex[strongest]] = weights.indices[strongest]  # the last one that is written stays
-    return owner

@@ -15,7 +15,7 @@ Each kind of array has one arithmetic:
 
 from .features import MotionFrames, from_features, part_sizes, to_features
 from .motion import Motion, Pose, forward_kinematics
-from .skeleton import HUMANOID, Skeleton, SkeletonConfig
+from .skeleton import HUMANOID, Skeleton, SkeletonConfig, SkinWeights
 
 __all__ = [
     "HUMANOID",
@@ -24,6 +24,7 @@ __all__ = [
     "Pose",
     "Skeleton",
     "SkeletonConfig",
+    "SkinWeights",
     "forward_kinematics",
     "from_features",
     "part_sizes",

@@ -18,6 +18,7 @@ from .rigs import bone_map, feet_of
 from .rotations import axis_angle_from_quaternion, length, matrix_from_axis_angle, quaternion_from_matrix
 from .skeleton import Skeleton
 from .two_bone import REACH, Limb, bend_limb
+from .windows import weighted_mean, windows
 
 ENTER_HEIGHT_M = 0.020
 LEAVE_HEIGHT_M = 0.035
@@ -220,8 +221,6 @@ def _level_mean(foot: _Array) -> _Array:
 
 def _lowering(legs: list[_Leg], goals: list[tuple[_Array, _Array]], places: _Array, fps: float) -> _Array:
     """How far the hips must be lowered (t, 3) for both legs to reach their ankles, smoothed."""
-    from scipy.ndimage import maximum_filter1d
-
     need = np.zeros(len(places))
     for leg, (_, ankle) in zip(legs, goals, strict=True):
         gap = ankle - places[:, leg.hip]
@@ -229,8 +228,7 @@ def _lowering(legs: list[_Leg], goals: list[tuple[_Array, _Array]], places: _Arr
         depth = np.sqrt(np.maximum((REACH * leg.length * 0.998) ** 2 - flat**2, 0.0))
         need = np.maximum(need, -gap[:, 1] - depth)
     half = max(1, round(0.2 * fps))
-    peak = maximum_filter1d(need, 2 * half + 1, mode="nearest")
-    return np.outer(_smooth(peak, half), [0, 1, 0])
+    return np.outer(_smooth(windows(need, half).max(-1), half), [0, 1, 0])
 
 
 def _lifts(found: list[Stance], path: _Array, floor: float, fps: float) -> _Array:
@@ -269,7 +267,4 @@ def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
 
 def _smooth(values: _Array, half: int) -> _Array:
     """Mean over a Hann window of 2 half + 1 frames along time."""
-    from scipy.ndimage import correlate1d
-
-    window = np.hanning(2 * half + 3)[1:-1]
-    return np.asarray(correlate1d(values, window / window.sum(), axis=0, mode="nearest"))
+    return weighted_mean(values, np.hanning(2 * half + 3)[1:-1])

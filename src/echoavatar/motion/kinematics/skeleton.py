@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 
 from echoavatar.config import Config
@@ -156,6 +156,17 @@ _TIPS: dict[str, tuple[float, float, float]] = {  # ends of the chains, left sid
     "leftLittleDistal": (0.018, 0.0, 0.0),
     "leftToes": (0.0, 0.0, 0.065),
 }
+
+
+class SkinWeights(NamedTuple):
+    """The joints that move each vertex, each joint once, and their shares, which sum to 1."""
+
+    joints: Int[np.ndarray, "v k"]
+    shares: Float[np.ndarray, "v k"]
+
+    def on(self, joints: Sequence[int]) -> Float[np.ndarray, " v"]:
+        """The part of each vertex that follows these joints."""
+        return np.asarray((self.shares * np.isin(self.joints, joints)).sum(1))
 
 
 def _humanoid() -> SkeletonConfig:

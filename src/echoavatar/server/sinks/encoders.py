@@ -21,9 +21,9 @@ from typing import Literal, NamedTuple, get_args
 import msgspec
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, VRM_NAMES, reorder, to_live_link, to_vrm
+from echoavatar.motion.kinematics.rotations import euler_from_matrix, matrix_from_quaternion
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import Rig
 
@@ -111,10 +111,10 @@ class LiveLinkEncoder:
 
 def head_angles(chain: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "3"]:
     """Yaw, pitch and roll (rad) of the head relative to the trunk, from the rotations (wxyz) of neck and head."""
-    whole = Rotation.identity()
-    for joint in chain:
-        whole *= Rotation.from_quat(joint, scalar_first=True)
-    yaw, pitch, roll = whole.as_euler("YXZ")
+    whole = np.eye(3)
+    for joint in matrix_from_quaternion(chain.astype(np.float64)):
+        whole = whole @ joint
+    yaw, pitch, roll = euler_from_matrix(whole, "yxz")
     return np.array([-yaw, pitch, roll], np.float32)
 
 
