@@ -141,7 +141,8 @@ def statistics(sums: Float[np.ndarray, " 11"]) -> Float[np.ndarray, " 6"]:
 
 def difference(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
     """How the last seconds differ from the speaker's mean, in deviations."""
-    return np.clip((statistics(sums) - usual) / _DEVIATION, -FARTHEST, FARTHEST)
+    found: Float[np.ndarray, " 6"] = np.clip((statistics(sums) - usual) / _DEVIATION, -FARTHEST, FARTHEST)
+    return found
 
 
 def wanted(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
@@ -151,7 +152,8 @@ def wanted(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Fl
     scores = np.exp(np.array(BIAS) + np.array(_WEIGHTS) @ difference(sums, usual))
     shares = scores / scores.sum()
     surer = np.array([share - np.delete(shares, at).max() for at, share in enumerate(shares)])[1:]
-    return np.clip((surer - LEAST) / (FULL - LEAST), 0, 1) * min(1.0, float(sums[0]) / (SURE_S * _RATE))
+    shown: Float[np.ndarray, " 3"] = np.clip((surer - LEAST) / (FULL - LEAST), 0, 1)
+    return shown * min(1.0, float(sums[0]) / (SURE_S * _RATE))
 
 
 def _towards(old: Float[np.ndarray, " 3"], goal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
