@@ -300,7 +300,7 @@ def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], csr_array
         owners.append(part.owners[part.joints[own]])
         shares.append(part.shares[own].astype(np.float32))
     if not sum(map(len, vertices)):
-        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
+        raise MotionError(f"{rig.path}: none of its meshes is skinned; export the character with its skin weights")
     share = np.concatenate(shares)
     starts = np.arange(0, share.size + 1, 4)
     weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))

@@ -23,6 +23,7 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("metres", 1.0, 0.5, 3.1),
     ("millimetres", 0.001, 1.0, 3.0),
     ("inches", 0.0254, 1.48, 2.06),
+    ("units of 5.64 cm, as CMU's recordings have", 0.0564444, 1.48, 2.06),
     ("centimetres", 0.01, 0.5, 3.0),
     ("inches", 0.0254, 0.5, 3.0),
     ("feet", 0.3048, 1.48, 2.06),
