@@ -12,6 +12,7 @@ import logging
 import re
 from array import array
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -39,7 +40,7 @@ from ..kinematics.motion import Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
-from ..kinematics.upright import Stand, of_clip, righted
+from ..kinematics.upright import Stand, of_clip, righted, triples
 
 _log = logging.getLogger(__name__)
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
@@ -67,9 +68,9 @@ class _Joint:
     name: str
     parent: int
     column: int  # of its first channel
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: Sequence[float] = (0.0, 0.0, 0.0)
     channels: list[tuple[str, int]] = field(default_factory=list)  # ("position", "rotation" or "scale", axis)
-    tip: tuple[float, float, float] | None = None
+    tip: Sequence[float] | None = None
 
 
 def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit: float | None = None) -> Motion:
@@ -182,12 +183,11 @@ def _joints(text: str) -> tuple[list[_Joint], int]:
     return found, said.end()
 
 
-def _triple(words: str, at: int) -> tuple[float, float, float]:
+def _triple(words: str, at: int) -> list[float]:
     try:
-        x, y, z = map(_number, words.split())
+        return [_number(word) for word in words.split()]
     except ValueError:
         raise _TextError("OFFSET needs three finite numbers; repair the file", at) from None
-    return x, y, z
 
 
 def _number(word: str) -> float:
@@ -322,8 +322,7 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
         share = 100 * stretch / longest
         notes.append(f"bones change their length by up to {share:.1f}% of the longest, and their mean length is used")
     for joint, place in zip(joints[1:], places[1:], strict=True):
-        x, y, z = place.mean(0).tolist()
-        joint.offset = x, y, z
+        joint.offset = place.mean(0).tolist()
     return Motion(_skeleton(joints), np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
 
 
@@ -332,8 +331,8 @@ def _skeleton(joints: list[_Joint]) -> Skeleton:
         SkeletonConfig(
             names=tuple(joint.name for joint in joints),
             parents=tuple(joint.parent for joint in joints),
-            offsets=tuple(joint.offset for joint in joints),
-            tips={joint.name: joint.tip for joint in joints if joint.tip is not None},
+            offsets=triples(joint.offset for joint in joints),
+            tips={joint.name: triples([joint.tip])[0] for joint in joints if joint.tip is not None},
         )
     )
 
@@ -360,15 +359,11 @@ def _merge_root(
     joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames], body: range
 ) -> tuple[list[_Joint], NDArray[np.float32], list[_Frames]]:
     """Remove the root and what is not of the body, whose first joint takes over its movement and becomes the root."""
-    first, (start, *others) = joints[0], body
+    start, *others = body
     root, child = (rotations[:, j].astype(np.float64) for j in (0, start))
     moved = (matrix_from_quaternion(root) @ places[start][..., None])[..., 0] + places[0]
     rotations = rotations[:, start : body.stop]
     rotations[:, 0] = quaternion_multiply(root, child)
-    x, y, z = np.add(first.offset, joints[start].offset).tolist()
+    offset = np.add(joints[0].offset, joints[start].offset).tolist()
     kept = [replace(joints[j], parent=joints[j].parent - start) for j in others]
-    return (
-        [replace(joints[start], parent=-1, offset=(x, y, z)), *kept],
-        rotations,
-        [moved, *(places[j] for j in others)],
-    )
+    return ([replace(joints[start], parent=-1, offset=offset), *kept], rotations, [moved, *(places[j] for j in others)])
