@@ -5,7 +5,9 @@ the file itself states. Uses only `errors`.
 """
 
 import os
+import re
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import EchoAvatarError
@@ -82,6 +84,21 @@ def _check(path: Path, found: os.stat_result, largest: int, error: type[EchoAvat
         raise error(f"{path} is not a regular file; give the name of a file")
     if found.st_size > largest:
         raise error(f"{path} has {found.st_size:,} bytes, and at most {largest:,} are read; give a smaller file")
+
+
+def decoded(data: bytes) -> tuple[str, str]:
+    """The text of a file that begins with ASCII, and its encoding as far as the bytes tell.
+
+    Of the older encodings Shift-JIS alone has many 0x81 to 0x9f.
+    """
+    wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(data[:2])
+    if wide or 0 in data[:2]:
+        return data.decode(wide or ("utf-16-be" if data[:1] == b"\0" else "utf-16-le"), "replace"), "utf-16"
+    older = ("shift_jis", "gbk") if re.search(rb"[\x81-\x9f]", data) else ("gb2312",)
+    for guess in ("utf-8-sig", *older):
+        with suppress(UnicodeDecodeError):
+            return data.decode(guess), guess
+    return data.decode("cp1252", "replace"), "cp1252"
 
 
 def read_text(

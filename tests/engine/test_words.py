@@ -213,6 +213,9 @@ def test_files_of_words(tmp_path: Path):
     (tmp_path / "talk.srt").write_bytes(b"1\r\n00:00:01,000 --> 00:00:02,000\r\nGood dogs\r\n\r\n2\r\n")
     expected = [("Good", 1.0, 1.5), ("dogs", 1.5, 2.0)]
     assert read_words(tmp_path / "talk.vtt") == read_words(tmp_path / "talk.srt") == expected
+    for encoding in ("utf-16", "utf-8-sig", "cp1252"):
+        (tmp_path / "talk.srt").write_text("1\n00:00:01,000 --> 00:00:02,000\nein Café\n", encoding)
+        assert [word.text for word in read_words(tmp_path / "talk.srt")] == ["ein", "Café"]
     (tmp_path / "bad.json").write_text('{"text": 3}')
     for name in ("bad.json", "none.json"):
         with pytest.raises(EchoAvatarError, match=name):

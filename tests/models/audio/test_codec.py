@@ -4,7 +4,8 @@ from safetensors.torch import load_file
 from tests.models.audio.small_codec import ours, reference
 
 from echoavatar import checkpoint
-from echoavatar.models.audio import AudioCodec, CodecConfig, nearest_codes
+from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.audio.codec import nearest_codes
 
 
 @pytest.fixture(scope="module", params=["reflect", "constant"])

@@ -5,6 +5,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 import soundfile
@@ -246,6 +247,23 @@ def test_a_pasted_part_that_cannot_be_read_is_left_out(tmp_path: Path, caplog: p
 def test_a_handful_of_samples_is_sound(tmp_path: Path, samples: int) -> None:
     soundfile.write(tmp_path / "a.wav", TWO[3_000 : 3_000 + samples], 24_000)
     assert len(read_audio(tmp_path / "a.wav")) == samples
+
+
+def test_sound_that_begins_late_in_a_film_keeps_its_place(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "a.mp4"), "w") as film:
+        picture, sound = film.add_stream("mpeg4", rate=25), film.add_stream("alac", rate=48_000, layout="mono")
+        picture.width, picture.height, picture.pix_fmt = 64, 64, "yuv420p"
+        for _ in range(75):
+            film.mux(picture.encode(av.VideoFrame(64, 64, "yuv420p")))
+        cut = av.AudioResampler("s16p", "mono", 48_000, 4_096)
+        frame = av.AudioFrame.from_ndarray(talk(48_000)[None], format="fltp", layout="mono")
+        frame.sample_rate, frame.pts = 48_000, 48_000
+        for piece in [*cut.resample(frame), *cut.resample(None)]:
+            film.mux(sound.encode(piece))
+        film.mux([*picture.encode(None), *sound.encode(None)])
+    heard = read_audio(tmp_path / "a.mp4")
+    assert np.abs(heard[:23_900]).max() < 1e-3
+    is_talk(heard[24_000:])
 
 
 def test_a_sound_is_found_by_its_name_in_any_letters(tmp_path: Path) -> None:

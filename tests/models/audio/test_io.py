@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echoavatar.errors import AudioError
-from echoavatar.models.audio import StreamResampler, as_mono, io, read_audio, stream_audio, write_wav
+from echoavatar.models.audio import StreamResampler, io, read_audio, stream_audio, write_wav
+from echoavatar.models.audio.io import as_mono
 
 
 def stream(samples: np.ndarray, rate: int, size: int) -> np.ndarray:

@@ -55,6 +55,14 @@ def with_six_channels(text: str, *, beside: bool = False) -> str:
     return head + "\n".join(wide) + "\n"
 
 
+def beside(text: str, *names: str) -> str:
+    """The body hangs from a root, beside other joints; all of them may move."""
+    channels = "OFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation\n"
+    others = "".join(f"JOINT {name}\n{{\n{channels}End Site\n{{\nOFFSET 0 0 0\n}}\n}}\n" for name in names)
+    text = text.replace("ROOT hips", f"ROOT root\n{{\n{channels}JOINT hips").replace("MOTION", f"{others}}}\nMOTION")
+    return in_rows(text, lambda row: " ".join(["0"] * 6 + row + ["0"] * 6 * len(names)) + "\n")
+
+
 SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program does, and what the warning says
     "one row more than the header says": (
         lambda t: t.replace("Frames: 4", "Frames: 3"),
@@ -133,6 +141,8 @@ SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program 
         lambda t: t.replace("\tEnd Site", "\tJOINT hips\n{\nOFFSET 0 1 0\nCHANNELS 0\n}\n\tEnd Site", 1),
         "joints of the same name are numbered",
     ),
+    "a root": (beside, ""),
+    "a root and targets of IK": (lambda t: beside(t, "ik_foot_root", "ik_hand_root"), "joints beside 'hips' are left"),
     "a sword beside the body": (
         lambda t: in_rows(
             t.replace("ROOT", "ROOT hips\n{\nOFFSET 0 0 0\nCHANNELS 1 Xposition\n}\nROOT", 1),
@@ -253,7 +263,8 @@ def test_ten_minutes_stay_ten_minutes(rate, tmp_path) -> None:  # type: ignore[n
         (lambda t: t.replace("OFFSET 0.000000 7.5", "OFFSET 0,0,0 7.5"), "OFFSET needs three"),
         (lambda t: re.sub("Time: .*", "Time: inf", t), "expected 'Frame Time:' and a number"),
         (lambda t: re.sub("Time: .*", "Time: 1/30", t), "expected 'Frame Time:' and a number"),
-        (lambda t: re.sub("Time: .*", "Time: 30", t), "line 316: Frame Time 30 is not 0.0001 to 10"),
+        (lambda t: re.sub("Time: .*", "Time: 30", t), "line 316: Frame Time 30 is not 0.0001 to 2"),
+        (lambda t: re.sub("Time: .*", "Time: 8.333", t), "Frame Time 8.333 is not 0.0001 to 2"),
         (lambda t: t.replace("ROOT hips\n{", "ROOT hips"), "is not BVH"),
         (lambda t: "\n".join(t.splitlines()[:200]), "the file ends before MOTION"),
         (lambda t: rows(t)[0], "has no frames"),

@@ -188,7 +188,7 @@ def test_vrm_0_characters_are_turned_round(glb: Path, tmp_path: Path) -> None:
     ("change", "problem"),
     [
         (lambda d: d.pop("skins"), "has no skin"),
-        (lambda d: [n.pop("skin", None) for n in d["nodes"]], "no mesh of the file is skinned"),
+        (lambda d: [n.pop("skin", None) for n in d["nodes"]], "bad.glb: none of its meshes is skinned"),
     ],
 )
 def test_files_that_do_not_serve_say_why(glb: Path, tmp_path: Path, change, problem: str) -> None:  # type: ignore[no-untyped-def]

@@ -46,6 +46,8 @@ LAYOUTS = {  # arrays, and whether they have hands
     "SMPL-H": ({"poses": SMPLH.reshape(FRAMES, -1), "trans": TRANS}, True),
     "SMPL-H by joints": ({"poses": SMPLH, "trans": TRANS}, True),
     "SMPL": ({"poses": np.concatenate([POSES[:, BODY], POSES[:, :2]], 1).reshape(FRAMES, -1), "trans": TRANS}, False),
+    "scaled, as in AIST++": ({"smpl_poses": POSES[:, :24], "smpl_trans": 93.7 * TRANS, "smpl_scaling": [93.7]}, False),
+    "by another name": ({"full_pose": POSES, "transl": TRANS}, True),
     "the body alone": ({"poses": POSES[:, BODY], "transl": TRANS}, False),
     "Z up": ({"poses": UP_POSES.reshape(FRAMES, -1), "trans": UP_TRANS}, True),
     "parts": (PARTS, False),

@@ -103,6 +103,8 @@ def resized(motion: Motion, size: float) -> Motion:
         (1.5, 1 / 0.0254, "inches"),
         (2.0, 1 / 0.0254, "inches"),
         (1.7, 1 / 0.3048, "feet"),
+        (1.5, 1 / 0.0564444, "CMU"),
+        (2.0, 1 / 0.0564444, "CMU"),
         (1.7, 0.1, "tens of metres"),
         (1.7, 0.01, "hundreds of metres"),
     ],

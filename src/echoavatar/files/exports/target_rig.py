@@ -45,33 +45,29 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
     Raises MotionError: the character's file is damaged.
     """
     with refusing_damage(rig.path):
-        return _packed(rig, take)
-
-
-def _packed(rig: GltfRig, take: Take) -> bytes:
-    document = rig.document | {"nodes": [dict(node) for node in rig.document["nodes"]]}
-    buffers = document.get("buffers", [])
-    buffer = Buffer()
-    buffer.data = bytearray(memoryview(rig.binary.data)[: buffers[0]["byteLength"]] if buffers else b"")
-    buffer.data += b"\0" * (-len(buffer.data) % 4)
-    buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
-    tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
-    rotations, hips = file_rotations(rig, take.motion)
-    mapped = set(take.motion.skeleton.config.vrm.values())
-    for joint, node in enumerate(rig.order):
-        entry = document["nodes"][node]
-        is_moving = bool((np.abs(rotations[:, joint] @ rotation_of(entry)) < 1 - 1e-7).any())
-        if joint in mapped or is_moving:
-            _split_matrix(entry)
-            tracks.add(node, "rotation", rotations[:, joint])
-    tracks.add(rig.order[0], "translation", hips)
-    if document.get("animations"):
-        _log.warning("%s: its %d animations are left out", rig.path, len(document["animations"]))
-    if take.face is not None:
-        for node, weights in face_on(rig.path, document, take.face).items():
-            tracks.add(node, "weights", weights.reshape(-1))
-    document["animations"] = [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}]
-    return packed(document, buffer, buffers[1:])
+        document = rig.document | {"nodes": [dict(node) for node in rig.document["nodes"]]}
+        buffers = document.get("buffers", [])
+        buffer = Buffer()
+        buffer.data = bytearray(memoryview(rig.binary.data)[: buffers[0]["byteLength"]] if buffers else b"")
+        buffer.data += b"\0" * (-len(buffer.data) % 4)
+        buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
+        tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
+        rotations, hips = file_rotations(rig, take.motion)
+        mapped = set(take.motion.skeleton.config.vrm.values())
+        for joint, node in enumerate(rig.order):
+            entry = document["nodes"][node]
+            is_moving = bool((np.abs(rotations[:, joint] @ rotation_of(entry)) < 1 - 1e-7).any())
+            if joint in mapped or is_moving:
+                _split_matrix(entry)
+                tracks.add(node, "rotation", rotations[:, joint])
+        tracks.add(rig.order[0], "translation", hips)
+        if document.get("animations"):
+            _log.warning("%s: its %d animations are left out", rig.path, len(document["animations"]))
+        if take.face is not None:
+            for node, weights in face_on(rig.path, document, take.face).items():
+                tracks.add(node, "weights", weights.reshape(-1))
+        document["animations"] = [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}]
+        return packed(document, buffer, buffers[1:])
 
 
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:

@@ -38,6 +38,7 @@ _LARGEST_BYTES = 1 << 40
 _MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
 _STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
+_LATE_S = (0.1, 600.0)  # so late sound begins in a film, whose time it keeps
 _BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the length that a file states: it breaks off; it knew no length
 _BEGINS = {  # of files without an index, by their first four letters
     b"\x1aE\xdf\xa3": re.compile(rb"\x1aE\xdf\xa3.{1,60}?(?:webm|matroska)", re.DOTALL),
@@ -138,7 +139,7 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
     head = _head(path, part.start) if container.format.name == "wav" else b""
     decoders = {stream.index: _decoder(stream, head) for stream in container.streams.audio}
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
-    packets, faults, seconds = container.demux(container.streams.audio), 0, 0.0
+    packets, faults, seconds, begun = container.demux(container.streams.audio), 0, 0.0, set[int]()
     while faults <= _MOST_FAULTS:
         try:
             packet = next(packets, None)
@@ -159,6 +160,11 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
             # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
             if (number, form) not in converters:
                 converters[number, form] = av.AudioResampler("flt", frame.layout, frame.sample_rate)
+            if number not in begun and container.streams.video:
+                late = (frame.time or 0) - (container.start_time or 0) / av.time_base
+                if _LATE_S[0] < late < _LATE_S[1]:
+                    yield Piece(number, form, np.zeros((round(late * form.rate), len(form.channels)), np.float32))
+            begun.add(number)
             seconds += 0 if number else frame.samples / frame.sample_rate
             for converted in converters[number, form].resample(frame):
                 yield Piece(number, form, converted.to_ndarray().reshape(converted.samples, -1))

@@ -3,17 +3,20 @@
 The format has no standard. What programs write is read, and one warning says what was assumed, for example about the
 count of frames or the encoding. Unit and axes are measured on the figure (`kinematics.upright`).
 
-Joints below the root may have position channels. If the root's only child travels (as in the Bandai-Namco data), the
-root is merged into it. Elsewhere bones count as rigid, and their mean length is used.
+Joints below the root may have position channels. If the child that has the whole body travels (as in the Bandai-Namco
+data, or beside the targets of IK from Unreal), the root is merged into it. Elsewhere bones count as rigid, and their
+mean length is used.
 """
 
 import logging
 import re
 from array import array
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,22 +24,32 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
+from echoavatar.limits import (
+    BVH_BYTES,
+    BVH_LINE,
+    BVH_LINES,
+    DEPTH,
+    JOINTS,
+    ROTATIONS,
+    STILL_ROTATIONS,
+    check_file,
+    decoded,
+)
 
-from ..kinematics.motion import SLOWEST_HZ, Motion, usual_rate
+from ..kinematics.motion import Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
-from ..kinematics.upright import Stand, of_clip, righted
+from ..kinematics.upright import Stand, of_clip, righted, triples
 
 _log = logging.getLogger(__name__)
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
 _ASSUMED_HZ = 30.0
+_LONGEST_S = 2.0  # between frames; a longer time would be milliseconds
 _WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
 _RATES_HZ = (*_WHOLE_HZ, *(rate * 1000 / 1001 for rate in (24, 30, 60, 120)))  # NTSC
-_WIDE = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"H\0": "utf-16-le", b"\0H": "utf-16-be"}  # how they begin
 _COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
 _STATEMENT = re.compile(
     r"(?:(?P<key>root|joint|end(?:site)?)\b(?P<name>[^\n{}]*)(?:\n\s*)?\{|offset(?P<offset>(?:\s+[^\s{}]+){3})"
@@ -55,9 +68,9 @@ class _Joint:
     name: str
     parent: int
     column: int  # of its first channel
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: Sequence[float] = (0.0, 0.0, 0.0)
     channels: list[tuple[str, int]] = field(default_factory=list)  # ("position", "rotation" or "scale", axis)
-    tip: tuple[float, float, float] | None = None
+    tip: Sequence[float] | None = None
 
 
 def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit: float | None = None) -> Motion:
@@ -112,7 +125,7 @@ def _text(path: Path, notes: list[str]) -> str:
     """The text of a file with plain line ends and without comments."""
     try:
         check_file(path, BVH_BYTES, MotionError)
-        text, encoding = _decoded(path.read_bytes())
+        text, encoding = decoded(path.read_bytes())
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except OSError as error:
@@ -125,17 +138,6 @@ def _text(path: Path, notes: list[str]) -> str:
     if max(map(len, text.split("\n"))) > BVH_LINE:
         raise MotionError(f"{path} has a line of more than {BVH_LINE:,} letters; it is not a BVH file")
     return _COMMENT.sub("", text)
-
-
-def _decoded(data: bytes) -> tuple[str, str]:
-    """The text, and its encoding as far as the bytes tell: of the older ones, Shift-JIS alone has many 0x81 to 0x9f."""
-    if data[:2] in _WIDE:
-        return data.decode(_WIDE[data[:2]], "replace"), "utf-16"
-    older = ("shift_jis", "gbk") if re.search(rb"[\x81-\x9f]", data) else ("gb2312",)
-    for guess in ("utf-8-sig", *older):
-        with suppress(UnicodeDecodeError):
-            return data.decode(guess), guess
-    return data.decode("cp1252", "replace"), "cp1252"
 
 
 def _joints(text: str) -> tuple[list[_Joint], int]:
@@ -181,12 +183,11 @@ def _joints(text: str) -> tuple[list[_Joint], int]:
     return found, said.end()
 
 
-def _triple(words: str, at: int) -> tuple[float, float, float]:
+def _triple(words: str, at: int) -> list[float]:
     try:
-        x, y, z = map(_number, words.split())
+        return [_number(word) for word in words.split()]
     except ValueError:
         raise _TextError("OFFSET needs three finite numbers; repair the file", at) from None
-    return x, y, z
 
 
 def _number(word: str) -> float:
@@ -255,8 +256,10 @@ def _rate(word: str, at: int, notes: list[str]) -> float:
     if seconds == 0:
         notes.append(f"it has no frame time, and {_ASSUMED_HZ:g} frames per second are assumed")
         return _ASSUMED_HZ
-    if not 1e-4 < seconds <= 1 / SLOWEST_HZ:
-        raise _TextError(f"Frame Time {seconds:g} is not 0.0001 to 10; write the seconds between frames", at)
+    if not 1e-4 < seconds <= _LONGEST_S:
+        raise _TextError(
+            f"Frame Time {seconds:g} is not 0.0001 to {_LONGEST_S:g}; write the seconds between frames", at
+        )
     halves, step = 2 / seconds, 10.0 ** int(Decimal(word.strip(",").replace(",", ".")).normalize().as_tuple().exponent)
     if abs(halves - round(halves)) < 1e-7:
         return round(halves) / 2
@@ -310,16 +313,16 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
     if any(kind == "scale" for joint in joints for kind, _ in joint.channels):
         notes.append("scale channels are left out")
     longest = max((float(np.linalg.norm(place.mean(0))) for place in places[1:]), default=0.0) or 1.0
-    # the only child of the root travels
-    while [joint.parent for joint in joints].count(0) == 1 and np.ptp(places[1], axis=0).max() > _RIGID * longest:
-        joints, rotations, places = _merge_root(joints, rotations, places)
+    while body := _body_below(joints, [float(np.ptp(place, axis=0).max()) > _RIGID * longest for place in places]):
+        if len(body) < len(joints) - 1:
+            notes.append(f"joints beside {joints[body[0]].name!r} are left out")
+        joints, rotations, places = _merge_root(joints, rotations, places, body)
     stretch = max((float(np.ptp(place, axis=0).max()) for place in places[1:]), default=0.0)
     if stretch > _RIGID * longest:
         share = 100 * stretch / longest
         notes.append(f"bones change their length by up to {share:.1f}% of the longest, and their mean length is used")
     for joint, place in zip(joints[1:], places[1:], strict=True):
-        x, y, z = place.mean(0).tolist()
-        joint.offset = x, y, z
+        joint.offset = place.mean(0).tolist()
     return Motion(_skeleton(joints), np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
 
 
@@ -328,8 +331,8 @@ def _skeleton(joints: list[_Joint]) -> Skeleton:
         SkeletonConfig(
             names=tuple(joint.name for joint in joints),
             parents=tuple(joint.parent for joint in joints),
-            offsets=tuple(joint.offset for joint in joints),
-            tips={joint.name: joint.tip for joint in joints if joint.tip is not None},
+            offsets=triples(joint.offset for joint in joints),
+            tips={joint.name: triples([joint.tip])[0] for joint in joints if joint.tip is not None},
         )
     )
 
@@ -341,15 +344,26 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     return quaternion_multiply(quaternion, step)
 
 
+def _body_below(joints: list[_Joint], travels: list[bool]) -> range:
+    """A child of the root that travels, and all below it, if the whole body is there, or all joints."""
+    children = [j for j, joint in enumerate(joints) if joint.parent == 0]
+    if not any(travels[child] for child in children):
+        return range(0)
+    bones = known_bones(_skeleton(joints))
+    wanted = set(bones.values()) if "hips" in bones else set(range(1, len(joints)))
+    parts = [range(start, stop) for start, stop in pairwise([*children, len(joints)])]
+    return next((part for part in parts if travels[part[0]] and wanted <= set(part)), range(0))
+
+
 def _merge_root(
-    joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames]
+    joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames], body: range
 ) -> tuple[list[_Joint], NDArray[np.float32], list[_Frames]]:
-    """Remove the root; its only child takes over its movement and becomes the root."""
-    root, child = (rotations[:, j].astype(np.float64) for j in (0, 1))
-    moved = (matrix_from_quaternion(root) @ places[1][..., None])[..., 0] + places[0]
-    rotations = rotations[:, 1:]
+    """Remove the root and what is not of the body, whose first joint takes over its movement and becomes the root."""
+    start, *others = body
+    root, child = (rotations[:, j].astype(np.float64) for j in (0, start))
+    moved = (matrix_from_quaternion(root) @ places[start][..., None])[..., 0] + places[0]
+    rotations = rotations[:, start : body.stop]
     rotations[:, 0] = quaternion_multiply(root, child)
-    first, second = joints[0], joints[1]
-    x, y, z = np.add(first.offset, second.offset).tolist()
-    kept = [replace(second, parent=-1, offset=(x, y, z)), *(replace(j, parent=j.parent - 1) for j in joints[2:])]
-    return kept, rotations, [moved, *places[2:]]
+    offset = np.add(joints[0].offset, joints[start].offset).tolist()
+    kept = [replace(joints[j], parent=joints[j].parent - start) for j in others]
+    return ([replace(joints[start], parent=-1, offset=offset), *kept], rotations, [moved, *(places[j] for j in others)])

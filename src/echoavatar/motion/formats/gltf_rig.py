@@ -25,7 +25,7 @@ from ..kinematics.alignment import has_rest_pose
 from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
-from ..kinematics.upright import axes_of, height, metres_of
+from ..kinematics.upright import axes_of, height, metres_of, triples
 from .gltf_data import Binary, attribute, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
 
@@ -106,11 +106,7 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
         offsets = unit * layout.steps(frames)
         offsets[0] = [0, (unit * turn @ matrices[order[0]][:3, 3])[1], 0]
         config = SkeletonConfig(
-            names=names,
-            parents=tuple(layout.parents),
-            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-            feet=tuple(feet_of(bones)),
-            vrm=bones,
+            names=names, parents=tuple(layout.parents), offsets=triples(offsets), feet=tuple(feet_of(bones)), vrm=bones
         )
         if has_rest_pose(skeleton := Skeleton(config), bones):
             break
@@ -299,7 +295,7 @@ def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], SkinWeigh
         owners.append(part.owners[part.joints[own]])
         shares.append(part.shares[own].astype(np.float32))
     if not sum(map(len, vertices)):
-        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
+        raise MotionError(f"{rig.path}: none of its meshes is skinned; export the character with its skin weights")
     joints, share = np.concatenate(owners), np.concatenate(shares)
     for later in range(1, joints.shape[1]):  # two joints of a file may be one of the rig's
         for slot in range(later):

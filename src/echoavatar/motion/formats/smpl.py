@@ -25,7 +25,7 @@ from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
 from ..kinematics.upright import of_clip, righted
 
 _log = logging.getLogger(__name__)
-_POSES = ("poses", "smpl_poses", "fullpose")
+_POSES = ("poses", "smpl_poses", "fullpose", "full_pose", "pose")
 _JOINTS = {22: range(22), 24: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}  # of the rig, by their count
 _PARTS = {  # the first joint of the rig, and how many
     "global_orient": (0, 1),
@@ -96,6 +96,8 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     """
     poses, found = _poses(path, stored), _first(path, stored, _PLACES)
     trans = np.zeros((len(poses), 3)) if found is None else found
+    if (scale := _first(path, stored, ("smpl_scaling",))) is not None:  # AIST++
+        trans = trans / scale
     if trans.shape != (len(poses), 3):
         raise MotionError(f"{path}: {len(poses)} poses and trans {trans.shape}; give a place (t, 3) for each pose")
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):

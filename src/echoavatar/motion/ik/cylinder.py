@@ -22,6 +22,7 @@ from pydantic import Field
 from echoavatar.config import Config
 
 from ..kinematics import Skeleton, forward_kinematics
+from ..kinematics.joint_tree import SIDES
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import least_rotation, length, matrix_from_quaternion, quaternion_from_matrix, unit
 from .profile import BodyProfile, body_of_rig
@@ -104,7 +105,7 @@ class Cylinder:
             if part.bone in bones
         }
         self.config = SwingConfig.model_validate({"profile": sorted(widths.items())})
-        self._arms = tuple((bones[f"{side}UpperArm"], bones[f"{side}Hand"]) for side in ("left", "right"))
+        self._arms = tuple((bones[f"{side}UpperArm"], bones[f"{side}Hand"]) for side in SIDES)
 
     def resolve(self, rotations: Float[np.ndarray, "b t j 4"]) -> Float[np.ndarray, "b t j 4"]:
         """The same parent-relative quaternions with both upper arms swung clear."""

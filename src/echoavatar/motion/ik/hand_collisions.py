@@ -28,6 +28,7 @@ from echoavatar.errors import MotionError
 from echoavatar.nn.kernels import kernel
 
 from ..kinematics import Skeleton
+from ..kinematics.joint_tree import SIDES
 from ..kinematics.quaternions import (
     conjugate,
     dot,
@@ -44,6 +45,7 @@ from ..kinematics.quaternions import (
     write_vector,
 )
 from ..kinematics.rigs import bone_map
+from ..kinematics.skeleton import other_side
 from .limbs import Array, ChainPose, Chains, reach
 from .profile import BodyProfile, RoundedPart, body_of_rig
 
@@ -231,7 +233,6 @@ def keep_off(tables, chains, rotations):  # type: ignore[no-untyped-def]
 
 CLEARANCE = 0.006  # metres of air between hand and body
 BEHIND, ACROSS = 0.70, 0.30  # where the way out starts, in half depths and half widths of a part
-SIDES = ("left", "right")
 
 
 class HandCollisions:
@@ -288,12 +289,7 @@ def _has_arms(skeleton: Skeleton) -> bool:
 
 def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandPoint]]:
     """Points of both hands, in the same order; fingers that either hand lacks are left out."""
-    swap = {"left": "right", "right": "left"}
-    both = {
-        name: joint
-        for name, joint in bones.items()
-        if not name.startswith(SIDES) or swap[side := name[: 4 + name.startswith("right")]] + name[len(side) :] in bones
-    }
+    both = {name: joint for name, joint in bones.items() if other_side(name) in bones}
     return [hand_points(skeleton, both, side) for side in SIDES]
 
 

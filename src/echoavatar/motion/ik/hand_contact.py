@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ..kinematics import Motion, Pose, Skeleton
 from ..kinematics.alignment import has_rest_pose
 from ..kinematics.easing import falloff
+from ..kinematics.joint_tree import SIDES
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import length, quaternion_from_matrix, unit
 from ..kinematics.two_bone import Limb, bend_limb
@@ -41,7 +42,7 @@ class Arm(NamedTuple):
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved` (`source` on another rig) with its palms together wherever the source's are."""
-    theirs, ours = ([find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
+    theirs, ours = ([find_arm(motion.skeleton, side) for side in SIDES] for motion in (source, moved))
     pose = source.pose(np.float64)
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
@@ -110,7 +111,7 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     (places, centres, radii), (our_places, our_centres, our_radii) = bodies
     joints = [maps[1][bone] for bone in parts]
     axes = poses[1].rotations[:, joints]  # used for the source's parts too, because its rest pose may differ
-    for side in ("left", "right"):
+    for side in SIDES:
         arm = find_arm(source.skeleton, side)
         elbow = _bend(poses[0], arm)
         hands = [

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from echoavatar.nn.kernels import kernel
 
 from ..kinematics import Skeleton
+from ..kinematics.joint_tree import with_parents
 from ..kinematics.quaternions import (
     IDENTITY,
     conjugate,
@@ -50,11 +51,7 @@ class Chains:
     """The wanted joints and all joints between them and the root."""
 
     def __init__(self, skeleton: Skeleton, wanted: list[int]) -> None:
-        above: set[int] = set()
-        for joint in wanted:
-            while joint >= 0:
-                above.add(joint)
-                joint = skeleton.parents[joint]
+        above = with_parents(wanted, skeleton.parents)
         self.joints = [0, *(joint for level in skeleton.levels for joint in level.joints if joint in above)]
         self.slot = {joint: slot for slot, joint in enumerate(self.joints)}
         self._joints = np.array(self.joints, np.int64)

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 
+from .joint_tree import SIDES
 from .motion import Motion
 from .rotations import quaternion_from_matrix, quaternion_multiply, unit
 from .skeleton import Skeleton
@@ -23,6 +24,7 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("metres", 1.0, 0.5, 3.1),
     ("millimetres", 0.001, 1.0, 3.0),
     ("inches", 0.0254, 1.48, 2.06),
+    ("units of 5.64 cm, as CMU's recordings have", 0.0564444, 1.48, 2.06),
     ("centimetres", 0.01, 0.5, 3.0),
     ("inches", 0.0254, 0.5, 3.0),
     ("feet", 0.3048, 1.48, 2.06),
@@ -39,8 +41,7 @@ _LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 degrees and of a third of one
 _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
 _SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
 _SAMPLES = 64  # frames of a clip that are looked at
-_SIDES = ("left", "right")
-_NEEDED = {"hips", "head"} | {s + bone for s in _SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
+_NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
 _Vector = Float[np.ndarray, "3"]
 _Turn = Float[np.ndarray, "3 3"]
 
@@ -78,7 +79,7 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
     tall = height(bones, places)
     metres = _unit_of(tall) or usual
-    lines = [unit(at["head"] - at["hips"]), *(unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
+    lines = [unit(at["head"] - at["hips"]), *(unit(at["hips"] - at[f"{side}Foot"]) for side in SIDES)]
     up = _nearest(np.eye(3), np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
         return Stand(metres=metres, tall=tall * metres)
@@ -137,7 +138,7 @@ def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Mot
         first = quaternion_from_matrix(world @ rest.T)
         root = quaternion_multiply(first, rotations[:, 0].astype(np.float64))
         rotations = np.concatenate([root[:, None].astype(np.float32), rotations[:, 1:]], 1)
-    changed = {"offsets": _triples(offsets), "tips": dict(zip(tips, _triples(tips.values()), strict=True))}
+    changed = {"offsets": triples(offsets), "tips": dict(zip(tips, triples(tips.values()), strict=True))}
     root = motion.root.astype(np.float64) @ world.T * scale
     return Motion(Skeleton(config.model_copy(update=changed)), rotations, root.astype(np.float32), motion.fps)
 
@@ -176,7 +177,7 @@ def _standing(across: _Vector, ups: Sequence[tuple[_Turn, _Vector]]) -> _Turn:
 
 def _toes(places: Mapping[str, _Vector]) -> _Vector:
     """From the feet to their toes, both together; nothing without any."""
-    toes = [places[f"{side}Toes"] - places[f"{side}Foot"] for side in _SIDES if f"{side}Toes" in places]
+    toes = [places[f"{side}Toes"] - places[f"{side}Foot"] for side in SIDES if f"{side}Toes" in places]
     return np.sum(toes, axis=0) if toes else np.zeros(3)
 
 
@@ -194,7 +195,8 @@ def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
     return turned(Motion.at_rest(skeleton), np.eye(3), np.eye(3), factor).skeleton
 
 
-def _triples(rows: Iterable[np.ndarray]) -> tuple[tuple[float, float, float], ...]:
+def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float], ...]:
+    """Rows of three numbers as a skeleton has them."""
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
