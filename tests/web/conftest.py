@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.web.firefox import Firefox
 
 ROOT = Path(__file__).parents[2]
 START_S = 300  # the first start on a machine compiles kernels, and the machine may be busy
@@ -80,7 +81,11 @@ class PageDriver:
 
     def click(self, selector: str) -> None:
         """Click without waiting for animations to finish."""
-        self.page.locator(selector).first.dispatch_event("click")
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.wait(f"!!{found}")
+        self.page.evaluate(
+            f"void {found}.dispatchEvent(new MouseEvent('click', {{ bubbles: true, cancelable: true }}))"
+        )
 
     def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
         """Drop a file on the page."""
@@ -116,6 +121,30 @@ def new_page(browser: Any) -> Iterator[Callable[..., PageDriver]]:
     yield make
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="module")
+def firefox() -> Iterator[Firefox]:
+    browser = Firefox(free_port())
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(params=["chromium", "firefox"])
+def new_tab(request: pytest.FixtureRequest) -> Iterator[Callable[..., PageDriver]]:
+    """Opens a tab of either browser."""
+    if request.param == "chromium":
+        yield request.getfixturevalue("new_page")
+        return
+    firefox, pages = request.getfixturevalue("firefox"), []
+
+    def make(width: int = 480, height: int = 360) -> PageDriver:
+        pages.append(firefox.new_page(width, height))
+        return PageDriver(pages[-1])
+
+    yield make
+    for page in pages:
+        page.close()
 
 
 @pytest.fixture(scope="module")
