@@ -52,15 +52,15 @@ class Firefox:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
+        self._number = 0
+        self._events: list[Callable[[str, dict[str, Any]], None]] = []
         try:
             self._socket = self._connected(port)
+            self.ask("session.new", capabilities={})
+            self.ask("session.subscribe", events=["log.entryAdded"])
         except BaseException:
             self._end()
             raise
-        self._number = 0
-        self._events: list[Callable[[str, dict[str, Any]], None]] = []
-        self.ask("session.new", capabilities={})
-        self.ask("session.subscribe", events=["log.entryAdded"])
 
     def _connected(self, port: int) -> ClientConnection:
         end = time.monotonic() + START_S
