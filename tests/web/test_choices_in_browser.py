@@ -64,9 +64,9 @@ COLOURS = """(() => {
 
 @pytest.mark.parametrize(("name", "is_vrm"), [("boxes.vrm", True), ("boxes.glb", False)])
 def test_an_outfit_is_chosen_by_its_picture(
-    new_tab: Callable[..., PageDriver], mock_url: str, name: str, is_vrm: bool
+    new_page: Callable[..., PageDriver], mock_url: str, name: str, is_vrm: bool
 ) -> None:
-    page = new_tab(480, 640)
+    page = new_page(480, 640)
     page.open(f"{mock_url}?quality=low")
     page.click("#avatar")
     page.wait("!document.getElementById('menu').hidden")

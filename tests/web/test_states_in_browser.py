@@ -14,8 +14,8 @@ SUBTITLE = "document.getElementById('subtitle').textContent"
 
 
 @pytest.fixture
-def page(new_tab, mock_url):
-    driver = new_tab(480, 360)
+def page(new_page, mock_url):
+    driver = new_page(480, 360)
     driver.open(f"{mock_url}?quality=low")
     yield driver
     assert driver.problems == []
@@ -136,8 +136,8 @@ OPEN = "['hud', 'talk', 'typed'].filter((name) => !document.getElementById(name)
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900), (1000, 700)])
-def test_one_panel_is_open_and_none_is_over_hands_or_face(new_tab, mock_url, width, height, tmp_path):
-    driver = new_tab(width, height)
+def test_one_panel_is_open_and_none_is_over_hands_or_face(new_page, mock_url, width, height, tmp_path):
+    driver = new_page(width, height)
     driver.open(f"{mock_url}?quality=low")
     driver.wait("!document.querySelector('[data-source=chat]').hidden")
     steps = {"": [], "#look": [], "#begin": [], "#meters": ["hud"], "[data-source=chat]": ["talk"]}
