@@ -81,11 +81,7 @@ class PageDriver:
 
     def click(self, selector: str) -> None:
         """Click without waiting for animations to finish."""
-        found = f"document.querySelector({json.dumps(selector)})"
-        self.wait(f"!!{found}")
-        self.page.evaluate(
-            f"void {found}.dispatchEvent(new MouseEvent('click', {{ bubbles: true, cancelable: true }}))"
-        )
+        self.page.locator(selector).first.dispatch_event("click")
 
     def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
         """Drop a file on the page."""
