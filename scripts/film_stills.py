@@ -65,7 +65,7 @@ def main() -> None:
         seeds=range(args.seed, args.seed + len(sounds)),
     )
     rows = []
-    for number, (sound, made) in enumerate(zip(tqdm(sounds, unit="sound"), done, strict=True), 1):
+    for number, (sound, made) in enumerate(zip(tqdm(sounds, unit="sound", disable=None), done, strict=True), 1):
         name = re.sub(r"[^A-Za-z0-9]+", "-", sound.name).strip("-")
         save(contact_sheet(made.motion, size=SIZE), args.output / f"{number:02d}_{sound.kind}_{name}.webp")
         rows.append(contact_sheet(made.motion, columns=12, rows=1, size=SMALL))

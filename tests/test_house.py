@@ -1,5 +1,6 @@
 """The house rules that a linter does not know."""
 
+import ast
 import importlib.metadata
 import importlib.util
 import json
@@ -24,6 +25,17 @@ TESTS = {
 def test_packages_that_break_on_cpu_torch_are_absent(name: str) -> None:
     """They link against libraries that the CPU build lacks; transformers imports them when it finds them."""
     assert importlib.util.find_spec(name) is None
+
+
+def test_progress_bars_are_for_terminals_alone() -> None:
+    """In a log every step of a bar is a line."""
+    found = 0
+    for path in (path for package in [*TESTS, ROOT / "scripts"] for path in package.rglob("*.py")):
+        for call in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "tqdm":
+                assert "disable" in {word.arg for word in call.keywords}, f"{path}:{call.lineno}"
+                found += 1
+    assert found > 10
 
 
 def test_help_does_not_load_torch() -> None:

@@ -1,5 +1,6 @@
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,17 @@ def test_a_shipped_model_is_copied_before_its_actions_change(
     shipped, own = load_bundle("default").actions, load_bundle(tmp_path / "my-default").actions
     assert set(own) - set(shipped) == {"big_nod", "deep_nod"}
     assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["my-default"]
+
+
+def test_without_torch_nothing_is_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "echoavatar.models.tokenizer", raising=False)
+    assert main(["actions", "add", "nod", "nod.bvh"]) == 1
+    assert "pip install 'echoavatar[torch]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_clip_with_names_of_its_own_is_added_by_a_map(

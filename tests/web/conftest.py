@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.web.firefox import Firefox
 
 ROOT = Path(__file__).parents[2]
 START_S = 300  # the first start on a machine compiles kernels, and the machine may be busy
@@ -116,6 +117,30 @@ def new_page(browser: Any) -> Iterator[Callable[..., PageDriver]]:
     yield make
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="module")
+def firefox() -> Iterator[Firefox]:
+    browser = Firefox(free_port())
+    yield browser
+    browser.close()
+
+
+@pytest.fixture(params=["chromium", "firefox"])
+def new_tab(request: pytest.FixtureRequest) -> Iterator[Callable[..., PageDriver]]:
+    """Opens a tab of either browser."""
+    if request.param == "chromium":
+        yield request.getfixturevalue("new_page")
+        return
+    firefox, pages = request.getfixturevalue("firefox"), []
+
+    def make(width: int = 480, height: int = 360) -> PageDriver:
+        pages.append(firefox.new_page(width, height))
+        return PageDriver(pages[-1])
+
+    yield make
+    for page in pages:
+        page.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Firefox for tests of what other people's pages embed. It speaks WebDriver BiDi itself, so no geckodriver is needed.
+"""Firefox for tests of pages. It speaks WebDriver BiDi itself, so no geckodriver is needed.
 
 `FirefoxPage` has of Playwright's page what `PageDriver` uses.
 """
@@ -52,15 +52,15 @@ class Firefox:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
+        self._number = 0
+        self._events: list[Callable[[str, dict[str, Any]], None]] = []
         try:
             self._socket = self._connected(port)
+            self.ask("session.new", capabilities={})
+            self.ask("session.subscribe", events=["log.entryAdded"])
         except BaseException:
             self._end()
             raise
-        self._number = 0
-        self._events: list[Callable[[str, dict[str, Any]], None]] = []
-        self.ask("session.new", capabilities={})
-        self.ask("session.subscribe", events=["log.entryAdded"])
 
     def _connected(self, port: int) -> ClientConnection:
         end = time.monotonic() + START_S
@@ -148,8 +148,18 @@ class FirefoxPage:
         """Open an address and wait until all that it names is loaded."""
         self._firefox.ask("browsingContext.navigate", context=self._context, url=url, wait="complete")
 
-    def evaluate(self, expression: str) -> Any:
-        """The value of an expression that is text, a number or true or false; a promise is awaited."""
+    @property
+    def url(self) -> str:
+        """The address that is shown."""
+        return str(self.evaluate("location.href"))
+
+    def evaluate(self, expression: str, argument: object = None) -> Any:
+        """The value of an expression that is text, a number or true or false; a promise is awaited.
+
+        With an argument the expression is a function that takes it.
+        """
+        if argument is not None:
+            expression = f"({expression})({json.dumps(argument)})"
         done = self._firefox.ask(
             "script.evaluate",
             expression=expression,
@@ -163,6 +173,17 @@ class FirefoxPage:
     def wait_for_timeout(self, milliseconds: float) -> None:
         """Let time pass."""
         time.sleep(milliseconds / 1000)
+
+    @property
+    def keyboard(self) -> SimpleNamespace:
+        """What presses keys."""
+        return SimpleNamespace(press=self._press)
+
+    def _press(self, key: str) -> None:
+        value = {"Escape": "\ue00c"}.get(key, key)
+        presses = [{"type": "keyDown", "value": value}, {"type": "keyUp", "value": value}]
+        keys = {"type": "key", "id": "keys", "actions": presses}
+        self._firefox.ask("input.performActions", context=self._context, actions=[keys])
 
     @property
     def mouse(self) -> SimpleNamespace:

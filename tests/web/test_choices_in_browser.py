@@ -63,7 +63,11 @@ COLOURS = """(() => {
 
 
 @pytest.mark.parametrize(("name", "is_vrm"), [("boxes.vrm", True), ("boxes.glb", False)])
-def test_an_outfit_is_chosen_by_its_picture(page: PageDriver, name: str, is_vrm: bool) -> None:
+def test_an_outfit_is_chosen_by_its_picture(
+    new_page: Callable[..., PageDriver], mock_url: str, name: str, is_vrm: bool
+) -> None:
+    page = new_page(480, 640)
+    page.open(f"{mock_url}?quality=low")
     page.click("#avatar")
     page.wait("!document.getElementById('menu').hidden")
     assert page.ask("[...document.querySelectorAll('[data-choice^=outfit]')].length") == 3  # our own avatar's
@@ -82,6 +86,7 @@ def test_an_outfit_is_chosen_by_its_picture(page: PageDriver, name: str, is_vrm:
         assert [row[1] for row in rows].count("true") == 1
         page.click(f"[data-choice=outfit-{number}]")
         page.wait(f"{COLOURS}.some((own) => own.join() === '{','.join(f'{round(part, 1):g}' for part in colour[:3])}')")
+    assert page.problems == []
 
 
 def test_other_sessions_are_watched_and_left_from_the_menu(page: PageDriver, mock_url: str) -> None:

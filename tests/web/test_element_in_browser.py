@@ -16,7 +16,6 @@ import soundfile
 from PIL import Image
 from tests.http_server import Handler, HttpServer
 from tests.web.conftest import ROOT, PageDriver, free_port, serving
-from tests.web.firefox import Firefox
 
 pytestmark = pytest.mark.browser
 FIRST = "document.querySelector('echo-avatar')"
@@ -59,30 +58,6 @@ def voiced_url() -> Iterator[str]:
     finally:
         del os.environ["ECHOAVATAR_VOICE_URL"]
         service.shutdown()
-
-
-@pytest.fixture(scope="module")
-def firefox() -> Iterator[Firefox]:
-    browser = Firefox(free_port())
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(params=["chromium", "firefox"])
-def new_tab(request: pytest.FixtureRequest) -> Iterator[Callable[..., PageDriver]]:
-    """Opens a tab of either browser."""
-    if request.param == "chromium":
-        yield request.getfixturevalue("new_page")
-        return
-    firefox, pages = request.getfixturevalue("firefox"), []
-
-    def make(width: int = 480, height: int = 360) -> PageDriver:
-        pages.append(firefox.new_page(width, height))
-        return PageDriver(pages[-1])
-
-    yield make
-    for page in pages:
-        page.close()
 
 
 class Site:

@@ -29,6 +29,14 @@ HANGING = """(() => {
 })()"""
 
 
+# CSS pixels of the head's joint.
+HEAD = """(() => {
+  __echo.viewport.camera.updateMatrixWorld();
+  const { x, y } = __echo.avatar.head.project(__echo.viewport.camera);
+  return [((x + 1) / 2) * innerWidth, ((1 - y) / 2) * innerHeight];
+})()"""
+
+
 def test_before_any_motion_a_person_rests_and_breathes(new_page, mock_url, tmp_path):
     driver = new_page(480, 360)
     driver.page.route_web_socket("**/v1/stream", lambda socket: None)  # never answers
@@ -41,6 +49,25 @@ def test_before_any_motion_a_person_rests_and_breathes(new_page, mock_url, tmp_p
     driver.shot(tmp_path / "rest.png")
     assert driver.ask("__echo.shown") is None
     assert driver.problems == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
+def test_the_shadow_before_the_avatar_stands_where_it_will_and_under_no_panel(new_page, mock_url, width, height):
+    driver, held = new_page(width, height), []
+    driver.page.route("**/avatar.glb*", lambda route: held.append(route))
+    driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
+    waited(driver, "!!window.__echo && __echo.shown !== null")
+    shadow, welcome = (
+        driver.ask(f"document.getElementById('{name}').getBoundingClientRect()") for name in ("silhouette", "welcome")
+    )
+    assert welcome["right"] < shadow["left"] or shadow["bottom"] < welcome["top"]
+    for route in held:
+        route.continue_()
+    waited(driver, "!!__echo.avatar.driver && !__echo.viewport.isGliding")
+    time.sleep(1)
+    x, y = driver.ask(HEAD)
+    assert abs(x - (shadow["left"] + shadow["right"]) / 2) < 0.03 * width
+    assert abs(y - shadow["top"]) < 0.1 * height
 
 
 def waited(driver, condition):
@@ -114,7 +141,8 @@ def test_one_panel_is_open_and_none_is_over_hands_or_face(new_page, mock_url, wi
     driver.open(f"{mock_url}?quality=low")
     driver.wait("!document.querySelector('[data-source=chat]').hidden")
     steps = {"": [], "#look": [], "#begin": [], "#meters": ["hud"], "[data-source=chat]": ["talk"]}
-    steps |= {"#avatar": ["talk"], "[data-source=microphone]": ["talk"]}
+    steps |= {"#avatar": ["talk"], "#record": ["talk"], "[data-source=microphone]": ["talk"]}
+    menu = "document.getElementById('menu').getBoundingClientRect()"
     for step, panels in steps.items():
         driver.page.keyboard.press("Escape")
         if step:
@@ -123,22 +151,28 @@ def test_one_panel_is_open_and_none_is_over_hands_or_face(new_page, mock_url, wi
         driver.wait(f"!__echo.viewport.isGliding && {UNDER}.length === 0", seconds=40)
         time.sleep(0.5)
         assert driver.ask(UNDER) == []
+        assert driver.ask(f"{menu}.right <= innerWidth - 11")
         driver.shot(tmp_path / f"{width}{step.strip('#[]')}.png")
     assert driver.problems == []
 
 
-def test_a_microphone_shows_how_loud_it_is(page):
-    """The browser's fake microphone beeps once a second."""
+def test_a_microphone_shows_how_loud_it_is(new_page, mock_url):
+    """Chromium's fake microphone beeps once a second."""
+    page = new_page(480, 360)
+    page.open(f"{mock_url}?quality=low")
+    height = page.ask("document.querySelector('.bar').offsetHeight")
     page.click("[data-source=microphone]")
-    page.page.locator("#menu button").nth(1).dispatch_event("click")
+    page.click("#menu button:nth-of-type(2)")
     level = "document.querySelector('[data-source=microphone]').style.getPropertyValue('--level')"
     page.wait(f"Number({level}) > 0.3")
+    assert page.ask("document.querySelector('.bar').offsetHeight") == height
     page.wait(f"{level} !== '' && Number({level}) < 0.1")
     assert page.ask("__echo.sources.title") == ""  # no name for who dances to it
     page.click("#stop")
     page.wait(f"{level} === ''")
     time.sleep(1)
     assert page.ask(level) == ""
+    assert page.problems == []
 
 
 def test_characters_and_dropped_files_are_chosen_by_their_faces(page):

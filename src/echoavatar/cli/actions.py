@@ -57,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
     """List or change a library."""
     if args.kind == "list":
         return _list(args.model)
+    if args.kind == "add":
+        import echoavatar.models.tokenizer  # noqa: F401  asks for torch before the model is copied
     folder = _own(args.model)
     if not (folder / "tokenizer").is_dir():
         raise EchoAvatarError(

@@ -91,6 +91,7 @@ interface Shown {
 function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud, states, sources, detail }: Shown): void {
   let last = performance.now();
   let drawn = -Infinity;
+  const silhouette = element("silhouette");
   const draw = (now: number) => {
     requestAnimationFrame(draw);
     const seconds = Math.max(0, (now - last) / 1000);
@@ -100,8 +101,8 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     inspected.shown = picture && { at: picture.at, held: picture.held, state: picture.state };
     if (avatar.driver) {
       avatar.present(picture, seconds);
-      document.getElementById("silhouette")?.classList.add("gone");
-    }
+      silhouette.classList.add("gone");
+    } else viewport.shadow(silhouette);
     avatar.follow(seconds);
     viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);

@@ -82,6 +82,7 @@ function entry({ id, label, hint, picture, on, run }: Choice, close: () => void)
 
 function place(menu: HTMLElement, anchor: HTMLElement): void {
   const at = anchor.getBoundingClientRect();
+  menu.style.left = "0"; // the last place leaves too little room to measure in
   const [width, height] = [menu.offsetWidth, menu.offsetHeight];
   const above = at.top - height - 14;
   const middle = above > 12 ? at.left + at.width / 2 : Infinity; // from the top, menus hang at the edge, beside the body

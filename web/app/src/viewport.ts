@@ -17,6 +17,7 @@ const CHECK_S = 0.25; // between looks at what panels cover
 const MOVED = 3; // per second, how fast the picture moves out from behind a panel
 const HOME_S = 1.1; // per second, how fast the rings come to who stands
 const STANDS = { speed: 0.05, seconds: 3.5 }; // metres per second, below which one stands, and for how long: a dancer who goes home comes back to them
+const FILLED = 0.86; // of the free height, by a whole body
 const PORTRAIT = 96; // pixels of a thumbnail
 
 export class Viewport {
@@ -227,6 +228,13 @@ export class Viewport {
     this.camera.aspect = width / height;
     this.looked = Infinity;
     this.makeRoom(Infinity);
+  }
+
+  /** Lays a shadow over the place where a body is about to stand. */
+  shadow(node: HTMLElement | SVGElement): void {
+    const { top, right, bottom, left } = this.panels;
+    const [x, y, high] = [(left + innerWidth - right) / 2, (top + innerHeight - bottom) / 2, innerHeight - top - bottom];
+    Object.assign(node.style, { left: `${x}px`, top: `${y}px`, height: `${FILLED * high}px` });
   }
 
   /** The share of the picture's height that no panel covers, and the shape of what is free. */

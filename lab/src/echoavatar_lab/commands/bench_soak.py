@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     from echoavatar_lab.bench.soak import bench_soak, draw
 
-    with tqdm(total=args.minutes, unit="min", leave=False) as bar:
+    with tqdm(total=args.minutes, unit="min", leave=False, disable=None) as bar:
         report = bench_soak(
             args.model,
             sessions=args.sessions,

@@ -139,7 +139,7 @@ def _preview(args: argparse.Namespace) -> int:
 
     make_output_folder(args.output)
     corpus = Corpus(args.corpus)
-    for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip"):
+    for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip", disable=None):
         clip = corpus.load(name)
         motion = clip.motion(corpus.skeleton_of(name)).cut(0, round(args.seconds * FRAME_RATE_HZ))
         motion = motion if motion.skeleton.names == HUMANOID.names else retarget(motion)  # the character's rig

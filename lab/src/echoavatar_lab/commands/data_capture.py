@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar_lab.corpora.capture.library import open_library, read_folder
 
     if args.folder.is_dir():
-        with tqdm(unit="file") as bar:
+        with tqdm(unit="file", disable=None) as bar:
             library = read_folder(args.folder, progress=lambda _: bar.update())
     else:
         library = open_library(args.folder)

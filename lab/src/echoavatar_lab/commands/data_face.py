@@ -63,7 +63,7 @@ def _read(args: argparse.Namespace) -> int:
     if not paths:
         raise EchoAvatarError(f"no .csv in {', '.join(map(str, args.takes))}; export takes from Live Link Face")
     batch, seconds = Batch(len(paths)), 0.0
-    for number, path in enumerate(tqdm(paths, unit="take")):
+    for number, path in enumerate(tqdm(paths, unit="take", disable=None)):
         split = "test" if number % args.test_every == args.test_every - 1 else "train"
         with batch.each(path.name):
             curves = read_live_link(path, timecode_hz=args.timecode)

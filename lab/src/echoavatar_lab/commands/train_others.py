@@ -96,7 +96,7 @@ def _clips(source: Path, split: str, frames: int) -> Iterator[FingerClip]:
         yield from _recordings(source, frames) if split == "train" else ()
         return
     corpus = Corpus(source)
-    for name in tqdm(corpus.names(split, has_mirrored=False), desc="reading", unit="clip", leave=False):
+    for name in tqdm(corpus.names(split, has_mirrored=False), desc="reading", unit="clip", leave=False, disable=None):
         stored = corpus.motion(name)
         motion = Motion(corpus.skeleton_of(name), stored.rotations, stored.root, float(FRAME_RATE_HZ))
         yield finger_clip(motion, at_least=frames)
@@ -108,7 +108,7 @@ def _recordings(folder: Path, frames: int) -> Iterator[FingerClip]:
     if not paths:
         raise EchoAvatarError(f"{folder} holds neither a corpus nor .bvh files; give another folder")
     left_out = []
-    for path in tqdm(paths, desc="reading", unit="clip", leave=False):
+    for path in tqdm(paths, desc="reading", unit="clip", leave=False, disable=None):
         motion = read_bvh(path)
         try:
             yield finger_clip(motion, at_least=frames)
@@ -135,7 +135,8 @@ def _train_fid_encoder(given: Given) -> None:
 
 
 def _features(corpus: Corpus, split: str) -> list[Tensor]:
-    motions = (corpus.motion(name) for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False))
+    names = tqdm(corpus.names(split), desc="reading", unit="clip", leave=False, disable=None)
+    motions = (corpus.motion(name) for name in names)
     return [motion_features(torch.from_numpy(m.rotations), torch.from_numpy(m.root)) for m in motions]
 
 
