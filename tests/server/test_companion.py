@@ -243,7 +243,7 @@ def server() -> Iterator[RunningServer]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("ECHOAVATAR_CHAT_URL", raising=False)
         patch.setattr(companion, "LOCAL_SERVERS", {})
-        patch.setattr(companion, "find_ears", lambda: None)
+        patch.setattr(companion, "find_ears", lambda _: None)
         with serving() as server:
             yield server
 
@@ -286,7 +286,7 @@ def test_invalid_requests_are_refused(server: RunningServer, body: bytes, header
 
 
 def test_ears_of_this_machine_hear_for_the_script(server: RunningServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(companion, "find_ears", lambda: Ears("whisper", lambda wav: wav.decode().lower()))
+    monkeypatch.setattr(companion, "find_ears", lambda _: Ears("whisper", lambda wav: wav.decode().lower()))
     assert server.http("/v1/chat")[1]["hears"] == "whisper"
     assert server.http("/v1/chat/ears", b"WAVE", content_type="audio/wav") == (200, {"text": "wave"})
 

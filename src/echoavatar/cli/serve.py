@@ -153,7 +153,7 @@ def run(args: argparse.Namespace) -> int:
     def tell_who_talks() -> None:
         """Voices load while the page does."""
         try:
-            print(who_talks(), flush=True)
+            print(who_talks(app.state.manager), flush=True)
         except EchoAvatarError as error:
             print(f"the chat does not work: {error}", file=sys.stderr, flush=True)
 

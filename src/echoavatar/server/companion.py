@@ -25,8 +25,8 @@ from echoavatar.json_reader import read_object
 from echoavatar.limits import read_text
 from echoavatar.wire.guard import check_origin
 
-from .ears import INSTALL, find_ears
-from .script import ChatTurn, Scripted, ToolAccess
+from .ears import INSTALL, Ears, find_ears
+from .script import ChatTurn, Scripted, ToolAccess, phrases
 from .session_manager import SessionManager
 from .tool_routes import answering, asked_session, read_body, read_json
 from .voice import INSTALL as VOICE_INSTALL
@@ -217,7 +217,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
 
     async def name(_: Request) -> dict[str, Any]:
         there = await asyncio.to_thread(companion, look=True)
-        local = None if there.hears else await asyncio.to_thread(find_ears)
+        local = None if there.hears else await asyncio.to_thread(local_ears, manager)
         hears = there.hears or (local.name if local else "")
         return {"name": there.name, "where": there.where, "hears": hears, "install": INSTALL}
 
@@ -245,7 +245,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
         wav, there = await read_body(request, MOST_SOUND), await asyncio.to_thread(companion)
         if isinstance(there, ChatModel) and there.hears:
             return {"text": await there.transcribe(wav)}
-        local = await asyncio.to_thread(find_ears)
+        local = await asyncio.to_thread(local_ears, manager)
         if local is None:
             raise EchoAvatarError(f"nothing here understands speech; type, {INSTALL}, or set ECHOAVATAR_CHAT_EARS")
         return {"text": await asyncio.to_thread(local.hear, wav)}
@@ -257,9 +257,18 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
     ]
 
 
-def who_talks() -> str:
+def local_ears(manager: SessionManager) -> Ears | None:
+    """What hears on this machine: anything, or the script's phrases, or nothing."""
+
+    async def nothing(_: str, __: dict[str, Any]) -> dict[str, Any]:
+        return {}
+
+    return find_ears(tuple(phrases(ToolAccess(manager.toolbox.schemas("openai-chat"), nothing))))
+
+
+def who_talks(manager: SessionManager) -> str:
     """Voice, companion and ears in one line for the operator; loads them."""
-    there, ears = from_environment(), find_ears()
+    there, ears = from_environment(), local_ears(manager)
     speaks = ", ".join(voice.name for voice in voices()) or f"none, {VOICE_INSTALL}"
     answers = f"{there.name} ({there.where})" if there.where else f"the {there.name}"
     hears = there.hears or (ears.name if ears else f"none, {INSTALL}")

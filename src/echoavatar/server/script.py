@@ -32,6 +32,9 @@ SYNONYMS = {
 }
 
 
+_PLAY = ("", "play ", "play the ")
+
+
 class ChatTurn(NamedTuple):
     """A turn of the conversation."""
 
@@ -62,12 +65,12 @@ class Cue(NamedTuple):
 
 CUES = (
     Cue(
-        ("stop", "enough", "quiet", "silence"),
+        ("stop", "stop the music", "enough", "quiet", "silence"),
         ("And cut! Every show needs an ending.", "Fine, fine. Silence is also music."),
         "stop_music",
     ),
     Cue(
-        ("music", "song", "dance", "dancing", "track", "beat", "waltz", "salsa", "swing", "house"),
+        ("music", "play music", "song", "dance", "dancing", "track", "beat", "waltz", "salsa", "swing", "house"),
         (
             "Finally, the good part! Watch my feet, Producer, they have been waiting for this.",
             "You said the magic word. Lights, please, and do not blink.",
@@ -92,7 +95,7 @@ CUES = (
         action="happy",
     ),
     Cue(
-        ("help", "can you do", "what can", "show me", "how does"),
+        ("help", "can you do", "what can you do", "what can", "show me", "how does"),
         (
             "I talk, I gesture, I dance. Ask me to wave, to bow, to point left, or to think. Say music, and I dance. "
             "And do interrupt me, I am used to applause in the wrong places.",
@@ -113,7 +116,7 @@ CUES = (
         action="bow",
     ),
     Cue(
-        ("thank", "thanks", "great", "wonderful", "bravo", "beautiful", "love"),
+        ("thank", "thank you", "thanks", "great", "wonderful", "bravo", "beautiful", "love"),
         ("I know! But say it again, a little louder.", "You have excellent taste, Producer."),
         action="bow",
     ),
@@ -162,3 +165,12 @@ def _title_argument(text: str, titles: Sequence[str]) -> dict[str, str]:
     scores = {title: len(said & set(re.findall(r"\w+", title.lower()))) for title in titles}
     best = max(scores, key=scores.__getitem__, default="")
     return {"title": best} if best and scores[best] else {}
+
+
+def phrases(doing: ToolAccess) -> list[str]:
+    """What the script answers to: names of actions, titles of tracks, and its cues."""
+    actions = doing.choices("send_action", "action")
+    own = [name.replace("_", " ") for name in actions]
+    own += [words for words, name in SYNONYMS.items() if name in actions]
+    titles = [f"{play}{title.lower()}" for title in doing.choices("play_music", "title") for play in _PLAY]
+    return [*own, *titles, *(phrase for cue in CUES for phrase in cue.phrases)]
