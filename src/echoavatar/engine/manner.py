@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from echoavatar.models.generator.manner import BUSY_S, MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
@@ -50,8 +51,10 @@ class SpeakerManner:
         self._set |= {SET[name]: value for name, value in told.items() if value is not None}
         self._turns.clear()
 
-    def hands(self, chunk: int) -> Float[np.ndarray, " 3"]:
-        """`WHOLE` for one who talks: how far the left and the right arm move; one that rests moves less."""
+    def hands(self, chunk: int, *, talks: bool = True) -> Float[np.ndarray, " 3"]:
+        """`WHOLE`, or for one who talks how far the left and the right arm move: one that rests moves less."""
+        if not talks:
+            return WHOLE
         middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
         size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
         near = [self._hands(at)[:2] for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]

@@ -21,7 +21,6 @@ from echoavatar.motion.homecoming import Homecoming
 from echoavatar.motion.idle_motion import IdleMotion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
-from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .action_scheduler import ActionScheduler, ActStatus
@@ -289,10 +288,8 @@ class SessionCore:
 
     @property
     def ahead(self) -> int:
-        """Chunks made ahead of the player if it reports its place, else ahead of the reader; not the one in the making.
-
-        If a fault stopped that one, it would count as ahead until it is made, and others would always be made first.
-        """
+        """Chunks made ahead of the player if it reports its place, else ahead of the reader."""
+        # Without the one in the making, or a session whose step failed would never be made.
         with self._lock:
             played = self._barge_in.played
             if played is None:
@@ -347,9 +344,8 @@ class SessionCore:
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            is_talk = heard.music is None and self._is_free(chunk) and not self._settling.is_dancing(chunk - 1)
-            hands = self._manner.hands(chunk) if is_talk else WHOLE
-            plan = ChunkPlan(heard.audio, members, manner, hands, forgets, undone)
+            talks = heard.music is None and self._is_free(chunk) and not self._settling.is_dancing(chunk - 1)
+            plan = ChunkPlan(heard.audio, members, manner, self._manner.hands(chunk, talks=talks), forgets, undone)
             self._making = chunk, heard, plan
             return plan
 

@@ -158,5 +158,6 @@ def wanted(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Fl
 
 def _towards(old: Float[np.ndarray, " 3"], goal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     """A frame later, as far towards the goal as feelings come and go."""
-    step: Float[np.ndarray, " 3"] = np.clip(goal - old, -1 / (FALL_S * FRAME_RATE_HZ), 1 / (RISE_S * FRAME_RATE_HZ))
-    return old + step
+    step = np.clip(goal - old, -1 / (FALL_S * FRAME_RATE_HZ), 1 / (RISE_S * FRAME_RATE_HZ))
+    now: Float[np.ndarray, " 3"] = old + step
+    return now
