@@ -1,4 +1,4 @@
-"""Clips of sound and motion, and the folders that hold them. May import `echoavatar` only."""
+"""Clips of sound and motion, and the folders that hold them. May import `progress` and `echoavatar`."""
 
 from .clip import DOMAINS, MUSIC, SILENCE, SPEECH, Clip
 from .corpus import ClipEntry, Corpus, Manifest, save_manifest, write_manifest

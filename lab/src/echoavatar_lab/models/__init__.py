@@ -1,4 +1,4 @@
 """Training of the models of `echoavatar.models`: windows, losses and tasks, one folder a model.
 
-May import `data`, `training`, `foreign`, `held_folder`, `paper` and `echoavatar`.
+May import `data`, `training`, `foreign`, `held_folder`, `paper`, `progress` and `echoavatar`.
 """

@@ -94,7 +94,7 @@ class Stillness:
         arms, spine, wrists, speeds = (
             np.zeros((rows, *shape), np.float32) for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
         )
-        return StillnessState(arms, spine, wrists, speeds, np.tile(WHOLE, (rows, 1)), np.zeros(rows, bool))
+        return StillnessState(arms, spine, wrists, speeds, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
 
     def step(
         self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], hands: Float[Array, "b 3"] | None = None

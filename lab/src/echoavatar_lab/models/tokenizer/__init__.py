@@ -1,1 +1,4 @@
-"""Training of the motion tokenizer and of its decoder. May import `quantize`, `data`, `training` and `echoavatar`."""
+"""Training of the motion tokenizer and of its decoder.
+
+May import `quantize`, `data`, `training`, `progress` and `echoavatar`.
+"""
