@@ -170,8 +170,8 @@ def test_tools_are_called_by_the_agent() -> None:
         assert json.loads(talk.call("send_action", action="wave")["result"])["status"] == "accepted"
         refused = json.loads(talk.call("send_action", action="fly")["result"])
         assert refused["status"] == "rejected"
-        assert refused["choices"] == ["wave", "bow"]
-        assert json.loads(talk.call("list_actions")["result"])["actions"] == ["wave", "bow"]
+        assert "wave, bow" in refused["reason"]
+        assert list(json.loads(talk.call("list_actions")["result"])["actions"]) == ["wave", "bow"]
         assert talk.call("dive")["is_error"], "the SDK's own answer to a tool that is not there"
 
     scene = Scene()

@@ -373,7 +373,7 @@ async def test_set_manner_is_a_direct_function_where_the_avatar_has_it() -> None
     (function,) = [function for function in functions if function.__name__ == "set_manner"]
     schema = DirectFunctionWrapper(function).to_function_schema()
     assert set(schema.properties) == {"liveliness"}
-    assert schema.required == []
+    assert schema.required == ["liveliness"]
     assert "storyteller" in schema.properties["liveliness"]["description"]
     await function(params=Params(), liveliness=0.9)
     assert asked == [("set_manner", {"liveliness": 0.9}, "here"), ({"status": "done"}, False)]
