@@ -57,6 +57,7 @@ def test_the_shadow_before_the_avatar_stands_where_it_will_and_under_no_panel(ne
     driver.page.route("**/avatar.glb*", lambda route: held.append(route))
     driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
     waited(driver, "!!window.__echo && __echo.shown !== null")
+    waited(driver, "!!document.querySelector('.actions .chip')")  # the panel takes some of the place
     shadow, welcome = (
         driver.ask(f"document.getElementById('{name}').getBoundingClientRect()") for name in ("silhouette", "welcome")
     )

@@ -47,6 +47,7 @@ def test_every_method_has_a_line_and_the_untuned_one_the_rewards_it_began_with(e
     monkeypatch.setattr(scores, "generation_scores", counted)
     monkeypatch.setattr(alignment, "tuned", tuned)
     table = alignment.make(experiment)
+    assert table.claims == alignment.CLAIMS, "the table judges them"
     lines = {line.name: line for line in table.lines}
     assert asked == ["dpo", "grpo", "ppo"]
     assert experiment.asked == ["body-parts"]

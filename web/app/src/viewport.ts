@@ -232,7 +232,7 @@ export class Viewport {
 
   /** Lays a shadow over the place where a body is about to stand. */
   shadow(node: HTMLElement | SVGElement): void {
-    const { top, right, bottom, left } = this.panels;
+    const { top, right, bottom, left } = covered(); // nothing else looks before the body is there
     const [x, y, high] = [(left + innerWidth - right) / 2, (top + innerHeight - bottom) / 2, innerHeight - top - bottom];
     Object.assign(node.style, { left: `${x}px`, top: `${y}px`, height: `${FILLED * high}px` });
   }

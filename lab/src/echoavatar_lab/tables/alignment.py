@@ -109,7 +109,9 @@ def make(experiment: Experiment) -> Table:
         f"Prompts to learn from: {_told_sounds(experiment)}.",
         f"Tuned for {_training(experiment, 'grpo').steps} steps with the recipe of the scale.",
     )
-    return Table(NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes)
+    return Table(
+        NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes, CLAIMS
+    )
 
 
 def _told_sounds(experiment: Experiment) -> str:
