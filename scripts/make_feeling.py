@@ -3,8 +3,8 @@
     python scripts/make_feeling.py RECORDINGS [--held-out NAME ...]
 
 RECORDINGS holds acted speech (see `echoavatar_lab.evaluation.feelings`) and read speech, which is neither. Each voice
-says neutral recordings before, or the first half of a reading, and weighs less without. Speakers of the manifest's test
-split, and those held out, are not fitted to. The numbers that are printed go into the module.
+says neutral recordings before, or the first half of a reading, and weighs less without. Speakers of the splits
+dev and test, and those held out, are not fitted to. The numbers that are printed go into the module.
 """
 
 import argparse
@@ -57,7 +57,9 @@ def listen(sound: Float[np.ndarray, " s"], memory: feeling.Memory) -> tuple[Tabl
 
 def samples(folder: Path, held_out: Sequence[str]) -> list[Sample]:
     """What to fit to: acted speech, warm and cold, and readings."""
-    speech = [each for each in acted_speech(folder) if each.split != "test" and each.speaker not in held_out]
+    speech = [
+        each for each in acted_speech(folder) if each.split not in ("dev", "test") and each.speaker not in held_out
+    ]
     largest = Counter(each.path.parent for each in speech).most_common(1)[0][0]
     kinds = Counter((each.path.parent == largest, each.feeling) for each in speech)
     found, voices, nothing = [], Voices(speech), feeling.Memory()

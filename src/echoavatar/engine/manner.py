@@ -57,16 +57,14 @@ class SpeakerManner:
             return WHOLE
         middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
         size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
-        near = [self._hands(at)[:2] for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
-        works = np.interp(np.mean(near, axis=0), (IDLE[1], QUIET), (SMALLEST, 1))
+        works = np.interp(self._busy(chunk), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
         numbers = self._numbers(chunk)
-        near = [self._hands(at) for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
-        busy = np.full(2, np.mean(IDLE)) if is_silent else np.mean(near, axis=0)[:2]
+        busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(chunk)
         high = np.full(2, np.nan) if is_silent else self._hands(chunk)[2:]
         return np.concatenate([numbers, busy, high]).astype(np.float32)
 
@@ -78,6 +76,11 @@ class SpeakerManner:
         for name, value in self._set.items():
             values[MANNER.index(name)] = value
         return values
+
+    def _busy(self, chunk: int) -> Float[np.ndarray, " 2"]:
+        """How busy the left and the right hand are around a chunk, so that no hand starts at once."""
+        near = [self._hands(at)[:2] for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
+        return np.asarray(np.mean(near, axis=0))
 
     def _hands(self, chunk: int) -> Float[np.ndarray, " hands"]:
         """How busy the left and the right hand are, then how high, in the turn that the chunk belongs to."""

@@ -26,7 +26,7 @@ from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.csv_rows import read_rows
-from echoavatar_lab.models.audio.recordings import MANIFEST
+from echoavatar_lab.models.audio.recordings import MANIFEST, split_of
 from echoavatar_lab.progress import Progress, watched
 
 from .faces import animate_face
@@ -86,7 +86,7 @@ def acted_speech(folder: Path) -> list[ActedSpeech]:
         feelings = {_WORDS[word] for word in words if word in _WORDS}
         if len(feelings) == 1:
             speaker = row.get("speaker_or_artist") or words[0]
-            found.append(ActedSpeech(path, feelings.pop(), speaker, row.get("split") or "other"))
+            found.append(ActedSpeech(path, feelings.pop(), speaker, split_of(speaker, row.get("split") or "other")))
     if len({each.speaker for each in found}) < 2:
         raise EchoAvatarError(
             f"{folder} has no acted speech of two speakers: a file's name, or its title in {MANIFEST}, says neutral, "
