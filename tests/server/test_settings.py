@@ -1,4 +1,4 @@
-from echoavatar.engine.engine import REWIND
+from echoavatar.engine.engine import REWIND_S
 from echoavatar.server import ServerSettings
 from echoavatar.timing import CHUNK_SECONDS
 
@@ -10,4 +10,4 @@ def test_clients_are_told_what_holds() -> None:
 
 def test_all_that_was_sent_ahead_can_be_taken_back() -> None:
     """Look-ahead, a chunk in the making and one of rounding."""
-    assert ServerSettings().ahead_seconds + 2 * CHUNK_SECONDS < REWIND * CHUNK_SECONDS
+    assert ServerSettings().ahead_seconds + 2 * CHUNK_SECONDS < REWIND_S

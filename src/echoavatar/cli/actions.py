@@ -112,7 +112,7 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
     clip, about = read_take(args.clip, read_map(args.map), args.animation).motion, args.about
     if rig is None:
-        action = action_from_motion(tokenizer, args.name, clip, hold_s=hold, about=about)
+        action = action_from_motion(tokenizer, args.name, clip, chunk=chunk, hold_s=hold, about=about)
     else:
         action = set_from_motion(tokenizer, rig, args.name, clip, chunk=chunk, hold_s=hold, about=about)
     library.with_action(action).save(folder)

@@ -20,6 +20,7 @@ from .pipeline.actions import Action, ActionLibrary
 Status = Literal["accepted", "started", "done", "rejected"]
 KEPT = 64  # actions that are remembered
 STRONGEST = 2.0  # intensity
+EDGE, EDGE_S = 0.7, 0.26  # the share of it with which an action begins and ends, and for how long
 
 
 class ActStatus(NamedTuple):
@@ -55,7 +56,7 @@ class ActionScheduler:
     """The actions of one session."""
 
     def __init__(self, library: ActionLibrary, chunk: ChunkSize = CHUNK) -> None:
-        self.library, self._size = library, chunk.samples
+        self.library, self._size, self._edge = library, chunk.samples, chunk.within(EDGE_S)
         self._actions: deque[ScheduledAction] = deque(maxlen=KEPT)
         self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
         self._reported: set[tuple[str, Status]] = set()
@@ -124,8 +125,9 @@ class ActionScheduler:
         act = self.running(chunk)
         if act is None:
             return None
-        edge = 0.7 if chunk in (act.begin, act.end - 1) and act.length > 2 else 1.0
-        return act.action.members(chunk - act.begin, act.length, codes) * np.float32(act.intensity * edge)
+        is_edge = min(chunk - act.begin, act.end - 1 - chunk) < self._edge and act.length > 2 * self._edge
+        share = np.float32(act.intensity * (EDGE if is_edge else 1.0))
+        return act.action.members(chunk - act.begin, act.length, codes) * share
 
     def overlay(self, chunk: int) -> Overlay | None:
         """The clip to lay on a chunk's motion, joined to that of the chunk before."""

@@ -25,7 +25,7 @@ from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 Samples = Float[np.ndarray, " s"]
 QUEUE_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous
 MAX_UTTERANCES = 256  # that wait
-KEPT_SPANS = 64  # chunks, 17 s and more: further than a session can go back
+KEPT_SPANS = 128  # chunks, 17 s and more: further than a session can go back
 
 
 class Span(NamedTuple):

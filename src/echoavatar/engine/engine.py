@@ -42,7 +42,7 @@ from .session import Session
 from .session_core import SessionCore
 
 _LOG = logging.getLogger(__name__)
-REWIND = 15  # chunks, 4 s at the paper's step: how far a session can go back
+REWIND_S = 4.0  # how far a session can go back
 MEASURED = 8  # chunks that each worker makes to find out what one costs
 
 
@@ -55,13 +55,13 @@ class Engine:
         *,
         seats: int = 1,
         look_ahead: int | None = None,
-        rewind: int = REWIND,
+        rewind: int | None = None,
         workers: int | None = None,
         reload: Callable[[], Pipeline] | None = None,
     ) -> None:
         """`look_ahead` bounds the chunks made ahead of the player, or of the reader if the player does not report.
 
-        `rewind` is how many chunks a session can take back; each costs 0.4 MB with the default bundle.
+        `rewind` is how many chunks a session can take back (default: 4 s).
 
         `workers` threads step sessions side by side (default: `nn.device.threads`, or 0 if the models are on a GPU).
         0 steps all rows in every batch, also those that are not ready: a GPU spends hardly more on them, and runs a
@@ -86,7 +86,7 @@ class Engine:
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
         self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
         self.seats = seats  # how many sessions there can be
-        self._look_ahead, self._rewind = look_ahead, rewind
+        self._look_ahead, self._rewind = look_ahead, self.chunk.within(REWIND_S) if rewind is None else rewind
         own_workers = threads() if pipeline.device == "cpu" else 0
         self._workers = own_workers if workers is None else workers
         self.is_batched = self._workers == 0  # sessions are stepped together, and one more in a step costs hardly more

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from echoavatar.models.generator.manner import BUSY_S, MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.stillness import WHOLE
-from echoavatar.timing import CHUNK
+from echoavatar.timing import CHUNK, ChunkSize
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
 LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
@@ -22,22 +22,24 @@ CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
 SMALLEST, LARGEST = 0.35, 1.25  # how far arms move at the ends of the dial, as times as the model says
 DRIFT = 0.15  # how far a number wanders from what was drawn
-DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
-TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
+STEP = CHUNK  # 0.27 s: how long all that is decided here holds at least, whatever the chunk
+DRIFT_STEPS = 45  # 12 s, two or three phrases, until it stands elsewhere
+TURN_STEPS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
 QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manner.busy`) at liveliness 0 and 1
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
 RESTS = 0.4  # chance at liveliness 0 that neither works
 HANGING = 0.08  # how high an idle hand is
 KEPT = 8  # turns that are remembered
-AROUND = CHUNK.within(BUSY_S) // 2  # chunks to either side that a hand's busyness is a mean of
+AROUND = STEP.within(BUSY_S) // 2  # steps to either side that a hand's busyness is a mean of
 
 
 class SpeakerManner:
-    """The manner of one session, chunk by chunk."""
+    """The manner of one session."""
 
-    def __init__(self, seed: int, options: MotionOptions) -> None:
-        self._seed, self._drawn = seed, np.array(draw_manner(seed).values)
+    def __init__(self, seed: int, options: MotionOptions, chunk: ChunkSize = CHUNK) -> None:
+        self._seed, self._chunk = seed, chunk
+        self._drawn = np.array(draw_manner(seed).values)
         for name, by in CORRECTED.items():
             self._drawn[MANNER.index(name)] += by
         self._drawn[REST] = 0  # at the sides: the model keeps idle hands before the body too often
@@ -57,37 +59,42 @@ class SpeakerManner:
             return WHOLE
         middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
         size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
-        works = np.interp(self._busy(chunk), (IDLE[1], QUIET), (SMALLEST, 1))
+        works = np.interp(self._busy(self._step(chunk)), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
-        numbers = self._numbers(chunk)
-        busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(chunk)
-        high = np.full(2, np.nan) if is_silent else self._hands(chunk)[2:]
+        step = self._step(chunk)
+        numbers = self._numbers(step)
+        busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(step)
+        high = np.full(2, np.nan) if is_silent else self._hands(step)[2:]
         return np.concatenate([numbers, busy, high]).astype(np.float32)
 
-    def _numbers(self, chunk: int) -> Float[np.ndarray, " m"]:
+    def _step(self, chunk: int) -> int:
+        """The step in which a chunk begins."""
+        return chunk * self._chunk.tokens // STEP.tokens
+
+    def _numbers(self, step: int) -> Float[np.ndarray, " m"]:
         """The manner in the order of `MANNER`."""
-        block, into = divmod(chunk, DRIFT_CHUNKS)
+        block, into = divmod(step, DRIFT_STEPS)
         before, after = self._wander(block), self._wander(block + 1)
-        values: Float[np.ndarray, " m"] = np.clip(self._drawn + before + (after - before) * into / DRIFT_CHUNKS, 0, 1)
+        values: Float[np.ndarray, " m"] = np.clip(self._drawn + before + (after - before) * into / DRIFT_STEPS, 0, 1)
         for name, value in self._set.items():
             values[MANNER.index(name)] = value
         return values
 
-    def _busy(self, chunk: int) -> Float[np.ndarray, " 2"]:
-        """How busy the left and the right hand are around a chunk, so that no hand starts at once."""
-        near = [self._hands(at)[:2] for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
+    def _busy(self, step: int) -> Float[np.ndarray, " 2"]:
+        """How busy the left and the right hand are around a step, so that no hand starts at once."""
+        near = [self._hands(at)[:2] for at in range(max(0, step - AROUND), step + AROUND + 1)]
         return np.asarray(np.mean(near, axis=0))
 
-    def _hands(self, chunk: int) -> Float[np.ndarray, " hands"]:
-        """How busy the left and the right hand are, then how high, in the turn that the chunk belongs to."""
-        turn = chunk // TURN_CHUNKS
-        if abs(chunk - (turn + 0.5) * TURN_CHUNKS) > TURN_CHUNKS / 2 - TURN_JITTER - 1:  # near a border
-            turn += self._border(turn + 1) <= chunk
-            turn -= self._border(turn) > chunk
+    def _hands(self, step: int) -> Float[np.ndarray, " hands"]:
+        """How busy the left and the right hand are, then how high, in the turn that the step belongs to."""
+        turn = step // TURN_STEPS
+        if abs(step - (turn + 0.5) * TURN_STEPS) > TURN_STEPS / 2 - TURN_JITTER - 1:  # near a border
+            turn += self._border(turn + 1) <= step
+            turn -= self._border(turn) > step
         if turn not in self._turns:
             self._turns = dict(list(self._turns.items())[-KEPT:]) | {turn: self._draw(turn)}
         return self._turns[turn]
@@ -109,9 +116,9 @@ class SpeakerManner:
         return drawn
 
     def _border(self, turn: int) -> int:
-        """The first chunk of a turn."""
+        """The first step of a turn."""
         rng = np.random.default_rng([self._seed, 4, turn])
-        return turn * TURN_CHUNKS + int(rng.integers(-TURN_JITTER, TURN_JITTER + 1)) if turn > 0 else 0
+        return turn * TURN_STEPS + int(rng.integers(-TURN_JITTER, TURN_JITTER + 1)) if turn > 0 else 0
 
     def _wander(self, block: int) -> Float[np.ndarray, " m"]:
         wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))

@@ -31,7 +31,7 @@ from .manner import LIVELINESS, SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
-from .settling import Settling, is_silent
+from .settling import Settling
 from .words import WordGestures
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
-REPLAN_AHEAD = 2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
+REPLAN_AHEAD_S = 0.53  # that an action waits at most behind motion made earlier, if the player reports its place
 
 
 class ChunkPlan(NamedTuple):
@@ -72,6 +72,7 @@ class SessionCore:
         self.seat, self.seed, self.options = seat, seed, options
         self.chunk = host.chunk
         self.music_ahead = self.chunk.within(MUSIC_AHEAD_S)  # chunks of music that are made ahead of the player
+        self._replan_ahead = self.chunk.within(REPLAN_AHEAD_S)
         self.is_new = True  # its row is not reset yet; the engine's note
         self.is_closed = False
         self.error: Exception | None = None  # the fault that ended the session
@@ -85,7 +86,7 @@ class SessionCore:
         self._actions = ActionScheduler(host.actions, self.chunk)
         self._words = WordGestures(seed, self._actions, self._queue, self.chunk)
         self._listener = Listener(seed)
-        self._manner = SpeakerManner(seed, options)
+        self._manner = SpeakerManner(seed, options, self.chunk)
         self._user_resampler: StreamResampler | None = None
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze = Gaze(seed, options.eye_contact, self.chunk)
@@ -169,7 +170,7 @@ class SessionCore:
         """
         with self._lock:
             if self._actions.knows(name):
-                self._barge_in.replan(REPLAN_AHEAD)
+                self._barge_in.replan(self._replan_ahead)
             chunk = self._barge_in.next_chunk
             asked = self._actions.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, id=id)
         self._host.wake()
@@ -178,7 +179,7 @@ class SessionCore:
     def stop_acting(self) -> None:
         """End the running action now."""
         with self._lock:
-            self._barge_in.replan(REPLAN_AHEAD)
+            self._barge_in.replan(self._replan_ahead)
             self._actions.stop(self._barge_in.next_chunk)
 
     def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
@@ -188,7 +189,7 @@ class SessionCore:
         """
         MotionOptions(liveliness=liveliness, handedness=handedness)
         with self._lock:
-            self._barge_in.replan(REPLAN_AHEAD)
+            self._barge_in.replan(self._replan_ahead)
             self._manner.choose(liveliness, handedness)
         self._host.wake()
 
@@ -196,14 +197,14 @@ class SessionCore:
         """Play music (24 kHz mono): the session hears it under its speech, and `Delivery.music` holds it."""
         with self._lock:
             self._check_open()
-            self._barge_in.replan(REPLAN_AHEAD)
+            self._barge_in.replan(self._replan_ahead)
             self._music.play(title, np.asarray(track, np.float32))
         self._host.wake()
 
     def stop_music(self) -> None:
         """Fade the music out."""
         with self._lock:
-            self._barge_in.replan(REPLAN_AHEAD)
+            self._barge_in.replan(self._replan_ahead)
             self._music.stop()
 
     def close(self) -> None:
@@ -338,7 +339,7 @@ class SessionCore:
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
-            manner = self._manner.at(chunk, is_silent=is_silent(heard.audio))
+            manner = self._manner.at(chunk, is_silent=self._settling.silence(chunk, heard.audio) > 0)
             self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(

@@ -18,20 +18,21 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-SILENCE = 0.003  # RMS of a silent chunk, -50 dBFS
+SILENCE, SILENCE_S = 0.003, 0.26  # RMS of silence, -50 dBFS, and its least length: sounds are further apart
 STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that stands stays under 10
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 RESTING = 8.0  # degrees per second, mean over the arms' joints behind `Stillness`: arms that dance are faster
 DANCE_RESTS_S, TALK_RESTS_S = 0.8, 2.67  # of sound after which arms at rest are freed, in a dance and else
-KEPT = 64  # chunks that are remembered
+KEPT_S = 17.0  # that is remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
 
 
 class _Chunk(NamedTuple):
-    silent: int  # chunks of silence so far, this one included
+    quiet: int  # chunks without sound so far, this one included
+    silent: int  # those of them that count as silence
     legs: float  # degrees per second
     resting: int  # chunks of sound so far in which the arms rest, this one included
     dances: bool  # whether the legs danced since the last silence
@@ -43,6 +44,7 @@ class Settling:
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._recent, self._again, self._dances = (chunk.within(span) for span in (RECENT_S, AGAIN_S, DANCES_S))
         self._dance_rests, self._talk_rests = (chunk.within(span) for span in (DANCE_RESTS_S, TALK_RESTS_S))
+        self._least, self._kept = chunk.within(SILENCE_S), chunk.within(KEPT_S)
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"], *, acts: bool = False) -> bool:
@@ -50,7 +52,7 @@ class Settling:
 
         While an action runs (`acts`), arms rest because it asks for that.
         """
-        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1)
+        silent, before = self.silence(chunk, audio), self._chunks.get(chunk - 1)
         if before is None:
             return False
         if not silent:
@@ -67,29 +69,29 @@ class Settling:
 
     def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""
-        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1, _Chunk(0, 0.0, 0, False))
+        before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
+        quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
         rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING
         legs = joint_speed(motion, skeleton, _LEGS)
-        now = self._chunks[chunk] = _Chunk(silent, legs, before.resting + 1 if rests else 0, before.dances)
+        now = self._chunks[chunk] = _Chunk(quiet, silent, legs, before.resting + 1 if rests else 0, before.dances)
         # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
         dances = silent < self._recent and (before.dances or self._legs(chunk, self._dances // 2 + 1) > DANCES)
         self._chunks[chunk] = now._replace(dances=dances)
-        self._chunks.pop(chunk - KEPT, None)
+        self._chunks.pop(chunk - self._kept, None)
 
     def _legs(self, chunk: int, count: int) -> float:
         """Mean speed of the legs in so many chunks up to this one; what was not made counts as 0."""
         return sum(self._chunks[at].legs for at in range(chunk - count + 1, chunk + 1) if at in self._chunks) / count
 
-    def _silent(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
-        if not is_silent(audio):
+    def silence(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
+        """Chunks of silence so far, with the one of this sound, which comes next; 0 while there is sound."""
+        return max(0, self._quiet(chunk, audio) - self._least + 1)
+
+    def _quiet(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
+        if float(np.sqrt(np.mean(np.square(audio)))) > SILENCE:
             return 0
         before = self._chunks.get(chunk - 1)
-        return 1 if before is None else before.silent + 1
-
-
-def is_silent(audio: Float[np.ndarray, " s"]) -> bool:
-    """Whether a chunk of sound counts as silence."""
-    return float(np.sqrt(np.mean(np.square(audio)))) <= SILENCE
+        return self._least if before is None else before.quiet + 1
 
 
 def joint_speed(motion: MotionChunk, skeleton: Skeleton, names: Sequence[str]) -> float:

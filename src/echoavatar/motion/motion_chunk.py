@@ -49,7 +49,7 @@ def join_batches(batches: Sequence[MotionBatch]) -> MotionBatch:
     return MotionBatch(*(np.concatenate([batch[part] for batch in batches], 1) for part in (0, 1)))
 
 
-KEPT = 64  # chunks whose last value is remembered
+KEPT = 128  # chunks whose last value is remembered: further than a session can go back
 
 
 class ChunkFade:

@@ -385,9 +385,10 @@ def test_a_hand_rises_over_the_head_as_far_as_it_is_asked_to(default: Pipeline, 
         state, everyone = default.init_state(1), np.ones(1, np.bool_)
         default.reset(state, everyone, seed=seed)
         made = []
-        for chunk in range(8):
+        for chunk in range(16):
             members = intensity * action.members(chunk, action.chunks, default.directive_codes)[None]
-            made += default.step(np.zeros((1, 6400), np.float32), state, everyone, directive=default.directive(members))
+            silence = np.zeros((1, default.chunk.samples), np.float32)
+            made += default.step(silence, state, everyone, directive=default.directive(members))
         motion = join(made)
         turns = matrix_from_quaternion(motion.rotations)
         pose = forward_kinematics(HUMANOID, turns, motion.root)

@@ -6,7 +6,7 @@ import pytest
 from echoavatar.engine import Engine, Session
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 
-CHUNKS = 7
+CHUNKS = 14
 ONE = np.ones(1, np.bool_)
 
 
@@ -20,7 +20,7 @@ def pair() -> tuple[Pipeline, Pipeline]:
 
 def test_sound_codes_and_curves(pair: tuple[Pipeline, Pipeline], voice: np.ndarray) -> None:
     states, equal = [pipeline.init_state(1) for pipeline in pair], []
-    for chunk in np.split(voice[: CHUNKS * 6400], CHUNKS):
+    for chunk in np.split(voice[: CHUNKS * pair[0].chunk.samples], CHUNKS):
         both = list(zip(pair, states, strict=True))
         heard, wanted = (pipeline.encode_audio(chunk[None], state, ONE) for pipeline, state in both)
         equal.append(heard == wanted)
@@ -33,7 +33,7 @@ def test_sound_codes_and_curves(pair: tuple[Pipeline, Pipeline], voice: np.ndarr
 def test_features_of_the_same_codes(pair: tuple[Pipeline, Pipeline]) -> None:
     states, random = [pipeline.init_state(1) for pipeline in pair], np.random.default_rng(0)
     for _ in range(CHUNKS):
-        codes = random.integers(512, size=(1, 2, 3, 6))
+        codes = random.integers(512, size=(1, pair[0].chunk.tokens, 3, 6))
         made, wanted = (
             pipeline.decoder.step(codes, state.decoder, ONE) for pipeline, state in zip(pair, states, strict=True)
         )
@@ -43,7 +43,9 @@ def test_features_of_the_same_codes(pair: tuple[Pipeline, Pipeline]) -> None:
 
 def test_sessions_in_a_batch_move_as_each_alone(pair: tuple[Pipeline, Pipeline], voice: np.ndarray) -> None:
     """To the bit, so that no code is ever drawn otherwise because of a neighbour."""
-    pipeline, sounds = pair[0], [voice[start : start + 3 * 6400] for start in (0, 9_000, 28_000)]
+    pipeline = pair[0]
+    size = pipeline.chunk.samples
+    sounds = [voice[start : start + 3 * size] for start in (0, 9_000, 28_000)]
     assert pipeline.rows_are_apart
     assert not pair[1].rows_are_apart
     engine = Engine(pipeline, seats=3, workers=1)
@@ -53,7 +55,7 @@ def test_sessions_in_a_batch_move_as_each_alone(pair: tuple[Pipeline, Pipeline],
     together[1].act("wave")
     for chunk in range(1, 4):
         assert engine.work()
-        assert {session.core.made for session in together} == {6400 * chunk}
+        assert {session.core.made for session in together} == {size * chunk}
     for seed, (session, sound) in enumerate(zip(together, sounds, strict=True)):
         alone = Engine(pipeline, workers=1).open(seed=seed)
         alone.push(sound)

@@ -8,7 +8,7 @@ from tests.motion.stages.poses import everyone, from_quaternions, in_pieces, qua
 
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, unit
 from echoavatar.motion.stages.pose import Pose
-from echoavatar.motion.stages.smoother import BEND, LATE, STIFFNESS, Smoother, SmootherState, SpeedLimit
+from echoavatar.motion.stages.smoother import BEND, DELAY, LATE, STIFFNESS, Smoother, SmootherState, SpeedLimit
 
 
 def about_x(angle: np.ndarray) -> np.ndarray:
@@ -28,7 +28,7 @@ def step(
         smoother.step(pose, state, on)
         return quaternions_of(pose)
 
-    return in_pieces(chunk, rotations)
+    return in_pieces(chunk, rotations, sizes=[4] * (rotations.shape[1] // 4))
 
 
 def angle_of(rotations: np.ndarray) -> np.ndarray:
@@ -36,8 +36,9 @@ def angle_of(rotations: np.ndarray) -> np.ndarray:
 
 
 def shown(angle: np.ndarray, **options: float) -> np.ndarray:
-    smoother = Smoother(2, **options)
-    return angle_of(step(smoother, about_x(angle), smoother.init_state(1)))
+    """The path of the default bundle's chunks of 4 frames, each frame at the time of the one it was made of."""
+    smoother, late = Smoother(2, **options), np.append(angle, np.full(4, angle[-1]))
+    return angle_of(step(smoother, about_x(late), smoother.init_state(1)))[DELAY : len(angle) + DELAY]
 
 
 def test_steps_between_latents_become_a_smooth_path() -> None:
@@ -49,18 +50,23 @@ def test_steps_between_latents_become_a_smooth_path() -> None:
     assert np.abs(path - steps).mean() < 0.05
 
 
-@pytest.mark.parametrize("frames", [8, 5, 3])
+@pytest.mark.parametrize("frames", [8, 5, 4, 3])
 def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
-    """Outside witness: least squares in double precision, every chunk on top of the last three frames shown."""
+    """Outside witness: least squares in double precision, every chunk on top of the last three frames shown.
+
+    The frame before the chunk was not shown yet; the chunk's last one waits for the next.
+    """
     rng = np.random.default_rng(1)
     decoded = unit(np.array([1.0, 0.3, 0.2, 0.1]) + 0.03 * rng.standard_normal((24, 4)))
     travel = rng.standard_normal((24, 3))
     smoother = Smoother(1)
     state, path, way = (smoother.init_state(1), [decoded[0].astype(np.float64)] * 3, [travel[0].astype(np.float64)] * 3)
+    waiting = decoded[:1], travel[:1]
     for turns, steps in zip(*(np.split(part, range(frames, 24, frames)) for part in (decoded, travel)), strict=True):
-        found = least_squares(turns.astype(np.float64), np.array(path[-3:]))
+        found = least_squares(np.concatenate([waiting[0], turns]).astype(np.float64), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))
-        way.extend(least_squares(steps.astype(np.float64), np.array(way[-3:])))
+        way.extend(least_squares(np.concatenate([waiting[1], steps]).astype(np.float64), np.array(way[-3:])))
+        waiting = turns[-1:], steps[-1:]
         pose = from_quaternions(turns[None, :, None], steps[None])
         smoother.step(pose, state, everyone(1))
         np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-len(turns) :], atol=1e-5)
@@ -68,37 +74,14 @@ def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
 
 
 def least_squares(chunk: np.ndarray, past: np.ndarray) -> np.ndarray:
-    """The formula, as the rows of an overdetermined system: distances, then third differences."""
+    """All but the last frame of the formula's minimum: an overdetermined system of distances and third differences."""
     t = len(chunk)
     third = np.diff(np.eye(3 + t), n=3, axis=0)
-    third *= np.sqrt([STIFFNESS * (BEND if k % 4 == 0 else 1) for k in range(t)])[:, None]
+    third *= np.sqrt([STIFFNESS * (BEND if k % 4 == 1 else 1) for k in range(t)])[:, None]
     near = np.array([((k + 1) / t) ** (LATE / 2) for k in range(t)])[:, None]
     left = np.concatenate([near * np.eye(t), third[:, 3:]])
     right = np.concatenate([near * chunk, -third[:, :3] @ past])
-    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
-
-
-def test_steps_between_latents_show_little_more_at_chunk_borders_than_within() -> None:
-    """Coarse noise, a step wherever a latent of four frames begins; for the travel of the root as well."""
-    rng = np.random.default_rng(2)
-    sway = 0.2 * np.sin(np.arange(1600) / 9)
-    steps = sway + np.repeat(0.04 * rng.standard_normal(400), 4)
-    assert border_share(shown(steps)) == pytest.approx(1, abs=0.16)
-    smoother, still = Smoother(1), np.broadcast_to(np.array([1.0, 0, 0, 0]), (1, 8, 1, 4))
-    state, way = smoother.init_state(1), []
-    for part in np.split(steps, len(steps) // 8, 0):
-        pose = from_quaternions(still, np.broadcast_to(part[None, :, None], (1, 8, 3)))
-        smoother.step(pose, state, everyone(1))
-        way.append(root_of(pose)[0, :, 1])
-    assert border_share(np.concatenate(way)) == pytest.approx(1, abs=0.16)
-
-
-def border_share(path: np.ndarray) -> float:
-    """Mean second difference around the first and last frames of chunks over that around the others."""
-    change = np.abs(np.diff(path, n=2))
-    place = (np.arange(len(change)) + 1) % 8
-    is_border = (place == 0) | (place == 7)
-    return float(change[is_border].mean() / change[~is_border].mean())
+    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])[:-1]
 
 
 def test_a_quick_stroke_keeps_its_time_and_size() -> None:
@@ -115,21 +98,21 @@ def minimum_jerk(lead: int) -> np.ndarray:
 
 
 def test_strokes_keep_their_course_and_trembling_does_not() -> None:
-    """Strokes that begin anywhere in a chunk stay within 2.4 degrees; of the jerk of trembling a twentieth is left."""
+    """Strokes that begin anywhere in a chunk stay within 1.3 degrees; of the jerk of trembling a ninth is left."""
     strokes = [minimum_jerk(20 + place) for place in range(8)]
-    assert max(np.abs(shown(stroke) - stroke).max() for stroke in strokes) < math.radians(2.4)
+    assert max(np.abs(shown(stroke) - stroke).max() for stroke in strokes) < math.radians(1.3)
     rng = np.random.default_rng(0)
     tremble = np.repeat(0.05 * rng.standard_normal(400), 4)
     jerk = np.abs(np.diff(shown(tremble), n=3))
-    assert jerk.mean() < 0.05 * np.abs(np.diff(tremble, n=3)).mean()
+    assert jerk.mean() < 0.11 * np.abs(np.diff(tremble, n=3)).mean()
 
 
 def test_a_step_is_felt_where_a_latent_begins_and_spread_over_all_of_it() -> None:
-    """Where a latent begins the jerk is three to five times as large as within it: neither a corner nor a dead hand."""
+    """The jerk of its four frames differs by four to seven times: neither a corner nor a dead hand."""
     rng = np.random.default_rng(0)
     jerk = np.abs(np.diff(shown(np.repeat(0.05 * rng.standard_normal(400), 4)), n=3))
-    is_begin = (np.arange(len(jerk)) + 3) % 4 == 0
-    assert 3 < jerk[is_begin].mean() / jerk[~is_begin].mean() < 5
+    each = [jerk[place::4].mean() for place in range(4)]
+    assert 4 < max(each) / min(each) < 7
 
 
 def test_no_stiffness_shows_what_was_decoded() -> None:

@@ -19,7 +19,7 @@ from torch import Tensor
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.stages.smoother import FASTEST, SHOWN, STIFFNESS, shares
+from echoavatar.motion.stages.smoother import DELAY, FASTEST, SHOWN, STIFFNESS, shares
 from echoavatar.timing import (
     AUDIO_FRAMES_PER_CHUNK,
     CHUNK_FRAMES,
@@ -137,9 +137,10 @@ def _smoothed(
     """`motion.stages.smoother` over whole motions, chunk by chunk; before its first frame a body is at rest in it."""
     weights = torch.as_tensor(shares(CHUNK_FRAMES, STIFFNESS), dtype=rotations.dtype, device=rotations.device)
     shown, travelled = rotations[:, :1].expand(-1, SHOWN, -1, -1), root[:, :1].expand(-1, SHOWN, -1)
+    rotations, root = (torch.cat([part[:, :1].repeat_interleave(DELAY, 1), part], 1) for part in (rotations, root))
     turned, moved = [], []
-    for start in range(0, rotations.shape[1], CHUNK_FRAMES):
-        at = slice(start, start + CHUNK_FRAMES)
+    for start in range(0, rotations.shape[1] - DELAY, CHUNK_FRAMES):
+        at = slice(start, start + DELAY + CHUNK_FRAMES)
         path = _same_hemisphere(torch.cat([shown, rotations[:, at]], 1))
         wanted = F.normalize(torch.einsum("fn,rnjc->rfjc", weights, path), dim=-1)
         last, now = path[:, SHOWN - 1], []

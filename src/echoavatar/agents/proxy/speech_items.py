@@ -19,7 +19,7 @@ from ..timed_text import TimedText
 from ..voice_formats import Decoder, Format, Pcm
 
 STALL_S = 0.5  # an item that receives no sound for longer than this is no longer playing
-KEPT_CHUNKS = 32  # of speech already shown, to separate music from speech when motion is remade
+KEPT_CHUNKS = 64  # of speech already shown, to separate music from speech when motion is remade
 
 
 @dataclass(eq=False)

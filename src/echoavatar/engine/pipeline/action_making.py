@@ -26,9 +26,9 @@ from echoavatar.motion.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
-from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
+from echoavatar.timing import CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 
-LEAD_CHUNKS = 4  # of the first pose, so that the tokenizer has settled
+LEAD_FRAMES = 32  # of the first pose, so that the tokenizer has settled
 SHORTEST_S, LONGEST_S = 0.5, 20.0
 TORSO = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
 EDGE = 6  # frames in which an overlay comes and goes
@@ -41,6 +41,7 @@ def action_from_motion(
     name: str,
     motion: Motion,
     *,
+    chunk: ChunkSize = CHUNK,
     hold_s: tuple[float, float] | None = None,
     about: str = "",
     guides: bool | None = None,
@@ -51,14 +52,13 @@ def action_from_motion(
     Raises MotionError if the clip is too short or too long, or the name is not a name.
     """
     plain = _plain(name, motion)
-    codes, overlay = read_clip(tokenizer, motion)
-    chunks = len(codes) // 2
+    codes, overlay = read_clip(tokenizer, motion, chunk)
+    chunks = len(codes) // chunk.tokens
     first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
-    per_chunk = FRAME_RATE_HZ / CHUNK_FRAMES
-    begin = min(round(first * per_chunk), chunks - 1)
-    end = min(max(round(last * per_chunk), begin + 1), chunks)
+    begin = min(round(first / chunk.seconds), chunks - 1)
+    end = min(max(round(last / chunk.seconds), begin + 1), chunks)
     asked = len(set(codes)) > 1 if guides is None else guides
-    return Action(plain, codes, (begin, end), about or plain.replace("_", " "), asked, overlay)
+    return Action(plain, codes, (begin, end), about or plain.replace("_", " "), asked, overlay, chunk=chunk)
 
 
 @torch.inference_mode()
@@ -80,7 +80,7 @@ def set_from_motion(
     """
     plain, skeleton = _plain(name, motion), tokenizer.skeleton
     motion = resample(retarget(motion, skeleton, has_footing=False), float(FRAME_RATE_HZ))
-    lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % FRAMES_PER_MOTION_TOKEN
+    lead, fill = LEAD_FRAMES, -motion.frames % FRAMES_PER_MOTION_TOKEN
     at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
     whole = replace(motion, rotations=motion.rotations[at], root=motion.root[at])
     features = RigAdapter(rig, skeleton, "native").features_of(whole)
@@ -95,7 +95,9 @@ def set_from_motion(
 
 
 @torch.inference_mode()
-def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...], Overlay | None]:
+def read_clip(
+    tokenizer: BodyTokenizer, motion: Motion, chunk: ChunkSize = CHUNK
+) -> tuple[tuple[int, ...], Overlay | None]:
     """First-layer upper-body codes of a clip, whole chunks, and the motion of torso and head that they do not express.
 
     The last pose is held to fill the last chunk. Raises MotionError if the tokenizer has one part for the whole body.
@@ -106,7 +108,7 @@ def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...]
     if motion.skeleton != skeleton:
         motion = retarget(motion, skeleton)
     motion = resample(motion, float(FRAME_RATE_HZ))
-    lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % CHUNK_FRAMES
+    lead, fill = LEAD_FRAMES, -motion.frames % chunk.frames
     at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
     rotations = matrix_from_quaternion(motion.rotations[at])
     still = rotations.copy()

@@ -1,7 +1,7 @@
 """Named actions: the first-layer upper-body codes of short reference clips, which steer the generator.
 
 Paper, Exemplar-Driven Control. The paper's directive is one unordered set of codes for the whole clip. Ours is a window
-that moves along the clip: at each chunk the set holds the codes within `REACH` chunks of the current place, so that a
+that moves along the clip: at each chunk the set holds the codes within `REACH_S` of the current place, so that a
 bow goes down before it comes up. If an action is held longer than its clip lasts, a part of the clip repeats. Codes
 have a meaning only to the tokenizer that made them, so a library is part of its bundle (`actions.json`).
 """
@@ -23,7 +23,7 @@ from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.whole_file import write_whole
 
 FILE = "actions.json"
-REACH = 1  # chunks before and after the current place whose codes are in the set
+REACH_S = 0.27  # before and after the current place: codes of that time are in the set
 LONGEST_S = 60.0
 NAME = re.compile("[a-z0-9_]{1,64}")  # language models are offered the name; pages and terminals show it
 ABOUT = 200  # letters of a description
@@ -95,8 +95,8 @@ class Action:
         if self.is_set:
             row[list(self.codes)] = 1.0
             return row
-        tokens = self.chunk.tokens
-        near = slice(max(0, place - REACH) * tokens, (place + REACH + 1) * tokens)
+        tokens, reach = self.chunk.tokens, self.chunk.within(REACH_S)
+        near = slice(max(0, place - reach) * tokens, (place + reach + 1) * tokens)
         row[list(self.codes[near])] = 1.0
         return row
 

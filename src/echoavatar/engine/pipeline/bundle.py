@@ -238,6 +238,10 @@ def _check(bundle: Bundle) -> None:
     for what, wanted, has in pairs:
         if wanted != has:
             raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")
+    if FACE in bundle.parts and bundle.chunk.frames % (frames := bundle.parts[FACE].config.step):
+        raise CheckpointError(
+            f"bundle {bundle.name}: a step of the face has {frames} frames, one of the body {bundle.chunk.frames}"
+        )
     if FACE in bundle.parts and (channels := bundle.parts[FACE].config.channels) != len(ARKIT_NAMES):
         raise CheckpointError(f"bundle {bundle.name}: its face has {channels} channels, not the 52 of ARKit")
 

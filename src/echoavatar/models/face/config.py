@@ -5,7 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from echoavatar.config import Config
-from echoavatar.timing import CHUNK_FRAMES
+from echoavatar.timing import CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN
 
 
 class MelConfig(Config):
@@ -76,7 +76,7 @@ class FaceConfig(Config):
         default=CHUNK_FRAMES,
         gt=0,
         le=256,
-        description="frames of a step; others than 8 (release: 12) in the window form",
+        description="frames of a step: 4 or 8 in the ring form, others (release: 12) in the window form",
     )
     late: int = Field(
         default=0,
@@ -97,8 +97,10 @@ class FaceConfig(Config):
 
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:
-        if self.memory == "ring" and self.step != CHUNK_FRAMES:
-            raise ValueError(f"the ring form steps by {CHUNK_FRAMES} frames")
+        if self.memory == "ring" and self.step not in (FRAMES_PER_MOTION_TOKEN, CHUNK_FRAMES):
+            raise ValueError(f"the ring form steps by {FRAMES_PER_MOTION_TOKEN} or {CHUNK_FRAMES} frames")
+        if isinstance(self.encoder, MelConfig) and self.encoder.ahead >= self.step:
+            raise ValueError(f"a step of {self.step} frames has no {self.encoder.ahead} later ones for the encoder")
         if self.width % self.heads:
             raise ValueError(f"width ({self.width}) must be a multiple of heads ({self.heads})")
         if self.head_split and self.memory == "ring":

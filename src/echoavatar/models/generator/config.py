@@ -79,7 +79,8 @@ class GeneratorConfig(Config):
         default=MOTION_TOKENS_PER_CHUNK,
         gt=0,
         le=64,
-        description="motion tokens of a step: 2 (paper, 0.27 s); other numbers (release: 3) in the prefix order only",
+        description="motion tokens of a step: 2 (paper, 0.27 s); 1 in the depth order too, others (release: 3) in the"
+        " prefix order only",
     )
     opening: Opening | None = Field(
         default=None, description="prefix order: codes that fill the window before a session; None: a window that grows"
@@ -93,8 +94,11 @@ class GeneratorConfig(Config):
 
     @model_validator(mode="after")
     def _fits_its_order(self) -> Self:
-        if self.sequence != "prefix" and (self.step != MOTION_TOKENS_PER_CHUNK or self.opening):
-            raise ValueError("another step than 2 and an opening belong to the prefix order")
+        if self.sequence != "prefix" and self.opening:
+            raise ValueError("an opening belongs to the prefix order")
+        steps = {"interleaved": (MOTION_TOKENS_PER_CHUNK,), "depth": (1, MOTION_TOKENS_PER_CHUNK)}
+        if self.sequence != "prefix" and self.step not in steps[self.sequence]:
+            raise ValueError(f"a step of {self.step} motion tokens belongs to the prefix order")
         if self.window_tokens % self.step:
             raise ValueError(f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}")
         if self.ahead_chunks >= self.window_chunks:

@@ -24,7 +24,7 @@ from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import IdleLegs, ModesState
 from .pose import Pose, Unpacking, repair
-from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
+from .smoother import SHOWN, Smoother, SmootherState, SpeedLimit, SpeedLimitState
 from .stillness import Stillness, StillnessState
 
 OnStage = Callable[[str], None]
@@ -131,7 +131,7 @@ class Post:
         pose, is_good = self._unpacking.pose_of(features, FRAME_RATE_HZ)
         if not is_good:
             standing = float(self.skeleton.rest_positions[0, 1])
-            count = repair(pose, state.smoother.rotations[:, -1], standing)
+            count = repair(pose, state.smoother.rotations[:, SHOWN - 1], standing)
             self.repaired += count
             _log.warning("%d rotations or root positions of a chunk were invalid and were held", count)
         return pose

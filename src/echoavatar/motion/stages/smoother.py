@@ -1,16 +1,17 @@
-"""A smoother that removes trembling and jumps without delay, and bounds the speed of every joint.
+"""A smoother that removes trembling and jumps, and bounds the speed of every joint.
 
 Sampled codes carry noise that a decoder cannot tell from motion. Each latent of 4 frames may begin with a small step,
-and the first frames of a chunk need not continue the last ones. So each chunk x is replaced by a path y that continues
-the frames already shown and approaches the decoded rotations towards the end of the chunk (a Whittaker-Henderson
-smoother with a fixed start). y minimises
+and the first frames of a chunk need not continue the last ones. So the body is shown `DELAY` frames late, as late as
+the face: the last frames before a step are not shown yet, and can lead to it. They and the new chunk, x, are replaced
+by a path y that continues the frames already shown and approaches the decoded rotations towards its end (a
+Whittaker-Henderson smoother with a fixed start). y minimises
 
-    sum_k  ((k + 1) / t)^LATE |y_k - x_k|^2  +  STIFFNESS s_k |third difference of (shown, y) that ends in y_k|^2
+    sum_k  ((k + 1) / n)^LATE |y_k - x_k|^2  +  STIFFNESS s_k |third difference of (shown, y) that ends in y_k|^2
 
-over the four numbers of the unit quaternions, and over the root's travel. The solution is one small matrix. s_k is
-`BEND` where a latent begins and 1 elsewhere: there acceleration may change at less cost. A step is thereby
-spread over a whole latent, and a chunk is nearly as smooth at its border as within. No joint turns faster than
-`FASTEST`. `docs/results/post.md` says how the three numbers were chosen. The paper has no smoother.
+over the four numbers of the unit quaternions, and over the root's travel. The solution is one small matrix. All of y
+but its last frames is shown. s_k is `BEND` where a latent begins and 1 elsewhere: there acceleration may change at less
+cost. No joint turns faster than `FASTEST`. `docs/results/post.md` says how the numbers were chosen. The paper has no
+smoother.
 
 `SpeedLimit` holds the same bound behind the last stage. A hand that would pass through the body is pushed out of it,
 and where the nearest way out changes sides, so does the hand, from one frame to the next. The limit spreads such a turn
@@ -32,18 +33,20 @@ from ..kinematics.quaternions import inner_product, normalized, read_quaternion,
 from .pose import Array, Pose
 
 FASTEST = math.radians(1000)  # per second
-LATE = 7  # exponent of the weight of later frames
-STIFFNESS = 0.2  # at 0 the path is the decoded one
-BEND = 0.2  # factor of the stiffness where a latent begins
+LATE = 5  # exponent of the weight of later frames
+STIFFNESS = 0.5  # at 0 the path is the decoded one
+BEND = 0.5  # factor of the stiffness where a latent begins
 SHOWN = 3  # frames that a third difference reaches back
+DELAY = 1  # frames by which the body is shown after the sound it was made of
+KNOWN = SHOWN + DELAY
 
 
 @dataclass
 class SmootherState(StreamState):
-    """The last rotations and travels shown; zero where nothing was shown yet."""
+    """The last rotations and travels shown, then those decoded and not shown; zero before the first."""
 
-    rotations: Float[Array, "b 3 j 4"]
-    travel: Float[Array, "b 3 3"]
+    rotations: Float[Array, "b 4 j 4"]
+    travel: Float[Array, "b 4 3"]
 
 
 class Smoother:
@@ -54,11 +57,11 @@ class Smoother:
 
     def init_state(self, rows: int) -> SmootherState:
         """Nothing shown yet."""
-        shown = np.zeros((rows, SHOWN, self._joints, 4), np.float32)
-        return SmootherState(shown, np.zeros((rows, SHOWN, 3), np.float32))
+        known = np.zeros((rows, KNOWN, self._joints, 4), np.float32)
+        return SmootherState(known, np.zeros((rows, KNOWN, 3), np.float32))
 
     def step(self, pose: Pose, state: SmootherState, active: Bool[Array, " b"]) -> None:
-        """Smooth the rotations and the travel of active rows, in place."""
+        """Smooth the rotations and the travel of active rows, in place; they come `DELAY` frames later."""
         weights = shares(pose.frames, self._stiffness)
         cosine = math.cos(FASTEST / pose.fps / 2)
         smooth(pose.rotations, pose.root, state.rotations, state.travel, active, weights, cosine)
@@ -66,14 +69,15 @@ class Smoother:
 
 @cache
 def shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
-    """The solution of the minimum: the weight of each frame, shown or decoded (n = 3 + t), in each smoothed one."""
-    third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
+    """The solution of the minimum: the weight of each frame, shown or decoded (n = 4 + t), in each smoothed one."""
+    count = DELAY + frames
+    third = np.diff(np.eye(SHOWN + count), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
-    place = np.arange(frames)
-    weight = np.diag(((place + 1) / frames) ** LATE)
-    stiff = stiffness * np.where(place % FRAMES_PER_MOTION_TOKEN == 0, BEND, 1.0)[:, None]
+    place = np.arange(count)
+    weight = np.diag(((place + 1) / count) ** LATE)
+    stiff = stiffness * np.where((place - DELAY) % FRAMES_PER_MOTION_TOKEN == 0, BEND, 1.0)[:, None]
     right = np.concatenate([-own.T @ (stiff * past), weight], 1)
-    return np.ascontiguousarray(np.linalg.solve(weight + own.T @ (stiff * own), right))
+    return np.ascontiguousarray(np.linalg.solve(weight + own.T @ (stiff * own), right)[:frames])
 
 
 @kernel()
@@ -111,12 +115,12 @@ def slowed_down(before, after, cosine):  # type: ignore[no-untyped-def]
 
 @kernel()
 def join(path, past, now, is_new):  # type: ignore[no-untyped-def]
-    """Fill `path` with the frames shown and those of the chunk; a new session repeats its first frame."""
+    """Fill `path` with the frames known and those of the chunk; a new session repeats its first frame."""
     for number in range(now.shape[1]):
-        for frame in range(SHOWN):
+        for frame in range(KNOWN):
             path[frame, number] = now[0, number] if is_new else past[frame, number]
         for frame in range(len(now)):
-            path[SHOWN + frame, number] = now[frame, number]
+            path[KNOWN + frame, number] = now[frame, number]
 
 
 @kernel()
@@ -129,18 +133,20 @@ def align_signs(path):  # type: ignore[no-untyped-def]
 
 @kernel()
 def remember(past, path, now):  # type: ignore[no-untyped-def]
-    """Keep the last `SHOWN` frames: of the chunk, or where it is shorter, also of the path before it."""
+    """Keep the last `SHOWN` frames of the path before the chunk and of the chunk, then the last that were decoded."""
     for number in range(now.shape[1]):
         for frame in range(SHOWN):
             then = len(now) + frame
             past[frame, number] = path[then, number] if then < SHOWN else now[then - SHOWN, number]
+        for frame in range(SHOWN, KNOWN):
+            past[frame, number] = path[len(now) + frame, number]
 
 
 @kernel()
 def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ignore[no-untyped-def]
     """Smooth active rows, joint by joint; `cosine` is that of half the angle that a joint may turn in a frame."""
     frames = rotations.shape[1]
-    path = np.zeros((SHOWN + frames, 4))
+    path = np.zeros((KNOWN + frames, 4))
     for row in range(len(rotations)):
         if not active[row]:
             continue

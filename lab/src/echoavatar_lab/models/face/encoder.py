@@ -4,7 +4,7 @@ Paper: multilingual HuBERT over 63 frames of sound, encoded anew for every chunk
 CPU. `HubertEncoder` follows the release in how the window is cut, normalised and spread over frames (see `window`).
 
 Ours (not in the paper): log-mel windows that end with their frame, and convolutions over frames. A kernel sees some
-past frames, and the later frames of the same chunk of 8, which have arrived anyway; so lips close in time for a p
+past frames, and the later frames of the same chunk, which have arrived anyway; so lips close in time for a p
 without added delay.
 """
 
@@ -59,7 +59,7 @@ class AudioEncoder(StreamingModule[StateT]):
 
     @abstractmethod
     def step(self, x: Float[Tensor, "b s"], state: StateT, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n c"]:
-        """Features of the next chunks (6,400 samples each); the last 8 rows are the last chunk's 8 frames.
+        """Features of the next chunks; the last rows are the last chunk's frames.
 
         An encoder that reads a whole window anew returns features of earlier frames too, in front.
         """
@@ -83,9 +83,9 @@ class MelState(StreamState):
 class ChunkConvolution(nn.Module):
     """x + MLP(convolution(norm(x))); the kernel covers past frames and, inside the chunk, later ones."""
 
-    def __init__(self, *, width: int, past: int, ahead: int) -> None:
+    def __init__(self, *, width: int, past: int, ahead: int, chunk: int) -> None:
         super().__init__()
-        self.past, self.ahead = past, ahead
+        self.past, self.ahead, self.chunk = past, ahead, chunk
         self.norm = nn.LayerNorm(width)
         self.mix = nn.Conv1d(width, width, past + 1 + ahead, groups=width)
         self.mlp = Mlp(inputs=width, hidden=2 * width, outputs=width)
@@ -93,8 +93,8 @@ class ChunkConvolution(nn.Module):
     def step(self, x: Float[Tensor, "b t c"], state: Past, active: Bool[Tensor, " b"]) -> Float[Tensor, "b t c"]:
         """The next chunks."""
         known = torch.cat([state.frames, self.norm(x)], 1)
-        starts = torch.arange(0, x.shape[1], CHUNK_FRAMES, device=x.device)
-        reach = torch.arange(self.past + CHUNK_FRAMES, device=x.device)
+        starts = torch.arange(0, x.shape[1], self.chunk, device=x.device)
+        reach = torch.arange(self.past + self.chunk, device=x.device)
         windows = known.index_select(1, (starts[:, None] + reach).flatten()).view(-1, len(reach), x.shape[2])
         mixed = torch.bmm(windows.permute(2, 0, 1).contiguous(), self._kernels()).permute(1, 2, 0)
         write_rows(state.frames, known[:, known.shape[1] - self.past :], active)
@@ -102,11 +102,11 @@ class ChunkConvolution(nn.Module):
         y: Tensor = x + self.mlp(mixed.reshape(x.shape) + bias)
         return y
 
-    def _kernels(self) -> Float[Tensor, "c w 8"]:
+    def _kernels(self) -> Float[Tensor, "c w t"]:
         """Each channel's kernel as a matrix from a window to its chunk: a product is faster than a convolution."""
-        before = CHUNK_FRAMES - 1  # the tap of place j for frame t is j - t
+        before = self.chunk - 1  # the tap of place j for frame t is j - t
         taps = F.pad(self.mix.weight[:, 0], (before, before - self.ahead))
-        return taps.unfold(1, CHUNK_FRAMES, 1).flip(-1)
+        return taps.unfold(1, self.chunk, 1).flip(-1)
 
 
 class MelEncoder(AudioEncoder[MelState]):
@@ -115,16 +115,18 @@ class MelEncoder(AudioEncoder[MelState]):
     waves: Tensor
     bands: Tensor
 
-    def __init__(self, config: MelConfig) -> None:
+    def __init__(self, config: MelConfig, chunk: int = CHUNK_FRAMES) -> None:
+        """`chunk`: frames that arrive together."""
         super().__init__()
-        self.config = config
+        self.config, self._chunk_samples = config, chunk * SAMPLES_PER_FRAME
         self.hop = exact_div(SAMPLES_PER_FRAME, config.windows)
         size = _WINDOW_HOPS * self.hop
         self.register_buffer("waves", fourier_matrix(size), persistent=False)
         self.register_buffer("bands", mel_matrix(size, config.bands), persistent=False)
         self.inputs = nn.Linear(config.windows * config.bands, config.width)
         self.blocks = nn.ModuleList(
-            ChunkConvolution(width=config.width, past=config.past, ahead=config.ahead) for _ in range(config.blocks)
+            ChunkConvolution(width=config.width, past=config.past, ahead=config.ahead, chunk=chunk)
+            for _ in range(config.blocks)
         )
         self.output_norm = nn.LayerNorm(config.width)
 
@@ -137,8 +139,8 @@ class MelEncoder(AudioEncoder[MelState]):
 
     def step(self, x: Float[Tensor, "b s"], state: MelState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n c"]:
         """Features of the next chunks."""
-        if x.shape[1] % CHUNK_SAMPLES or not x.shape[1]:
-            raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {x.shape[1]}")
+        if x.shape[1] % self._chunk_samples or not x.shape[1]:
+            raise ValueError(f"a step takes a multiple of {self._chunk_samples} samples, got {x.shape[1]}")
         known = torch.cat([state.samples, x.to(state.samples)], 1)
         write_rows(state.samples, known[:, known.shape[1] - state.samples.shape[1] :], active)
         y: Tensor = self.inputs(self.log_mel(known).reshape(x.shape[0], -1, self.inputs.in_features))

@@ -32,7 +32,9 @@ class FaceModel(Checkpointed):
         super().__init__()
         self.config = config
         sizes = config.encoder
-        self.encoder: AudioEncoder[Any] = MelEncoder(sizes) if isinstance(sizes, MelConfig) else HubertEncoder(sizes)
+        self.encoder: AudioEncoder[Any] = (
+            MelEncoder(sizes, config.step) if isinstance(sizes, MelConfig) else HubertEncoder(sizes)
+        )
         self.gpt = FaceGpt(config)
         self.head = FlowHead(
             channels=config.channels,
