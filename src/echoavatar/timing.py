@@ -24,7 +24,7 @@ SAMPLES_PER_AUDIO_TOKEN = exact_div(SAMPLE_RATE_HZ, AUDIO_TOKEN_RATE_HZ)  # 320
 FRAMES_PER_MOTION_TOKEN = 4
 SAMPLES_PER_MOTION_TOKEN = FRAMES_PER_MOTION_TOKEN * SAMPLES_PER_FRAME  # 3,200 samples, 7.5 Hz
 CHUNK_FRAMES = 8
-CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step of ours and the paper's takes
+CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step of the paper's takes
 CHUNK_SECONDS = CHUNK_SAMPLES / SAMPLE_RATE_HZ  # 0.2667
 AUDIO_FRAMES_PER_CHUNK = exact_div(CHUNK_SAMPLES, SAMPLES_PER_AUDIO_TOKEN)  # 20, times two RVQ layers
 MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 time steps
@@ -63,4 +63,4 @@ class ChunkSize:
         return max(1, round(seconds / self.seconds))
 
 
-CHUNK = ChunkSize()  # 8 frames, 6,400 samples: the paper's and our own bundles'
+CHUNK = ChunkSize()  # 8 frames, 6,400 samples: the paper's, and where no bundle says another

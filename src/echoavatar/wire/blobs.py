@@ -1,6 +1,6 @@
 """Poses and sound as little-endian bytes: int16 quaternions, float32 root, uint8 face, int16 samples.
 
-A chunk of 8 frames, 52 joints and 52 face curves is 3,840 bytes; the largest rotation error is under 0.005 degrees.
+A chunk of 4 frames, 52 joints and 52 face curves is 1,920 bytes; the largest rotation error is under 0.005 degrees.
 On the wire quaternions are x y z w, as in glTF, three.js, Unity and Unreal; in Python they are wxyz.
 """
 

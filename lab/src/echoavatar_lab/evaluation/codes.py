@@ -32,7 +32,7 @@ from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.motion_chunk import join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import Post
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
 from echoavatar_lab.kinematics import from_features
 from echoavatar_lab.models.generator.losses import nll_by_domain
@@ -171,7 +171,11 @@ def true_codes(
     }
     for number, clip in enumerate(watched(clips, progress), 1):
         decoded = motion_of_codes(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None])[0])
-        motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: replayed(post, decoded)}
+        motions = {
+            TRUTH: clip.motion(tokenizer.skeleton),
+            DECODED: decoded,
+            SHOWN: replayed(post, decoded, chunk=bundle.chunk),
+        }
         if not others:
             [tokens] = token_clips(bundle, [clip])
             motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + number))
@@ -203,13 +207,13 @@ def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
     return {name: weighted_mean(np.array([row[name] for row in rows])) for name in SHARING}
 
 
-def replayed(post: Post, motion: Motion, options: MotionOptions = FREE) -> Motion:
+def replayed(post: Post, motion: Motion, options: MotionOptions = FREE, chunk: ChunkSize = CHUNK) -> Motion:
     """Run a finished motion through the stages, chunk by chunk, as a new session."""
     features = to_features(post.skeleton, motion.matrices(), motion.root)
     state, everyone = post.init_state(1), np.ones(1, np.bool_)
     state.modes.choose(everyone, options)
-    padded = np.pad(features, ((0, -len(features) % CHUNK_FRAMES), (0, 0)), mode="edge")
-    pieces = np.split(padded[None], len(padded) // CHUNK_FRAMES, 1)
+    padded = np.pad(features, ((0, -len(features) % chunk.frames), (0, 0)), mode="edge")
+    pieces = np.split(padded[None], len(padded) // chunk.frames, 1)
     shown = join_batches([post.step(piece, state, everyone) for piece in pieces])
     rotations, root = shown.rotations[0], shown.root[0]
     root[:, [0, 2]] += motion.root[0, [0, 2]]

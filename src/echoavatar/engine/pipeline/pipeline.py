@@ -220,8 +220,8 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
-        A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
-        The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
+        A chunk has `chunk.samples` samples (paper: 6,400, ours 3,200) and gives `chunk.frames` frames (8, 4).
+        The smoother works on eight frames at most, so a longer chunk passes the stages behind the decoder in pieces.
         Row by row, `directive` holds the requests of actions, `manner` the numbers of `Manner`, and `hands`
         what the post-processing does with arms. Benchmarks set `on_stage`, called after each stage.
         """

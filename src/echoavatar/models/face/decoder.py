@@ -1,7 +1,7 @@
 """The face model's frames of one chunk (ring form): weights frozen for the compiled loop, and the memory it works in.
 
 Computes what `FaceGpt` and `FlowHead` compute (a test holds it to that), with the norms' weights folded into the next
-projection. The compiled loop takes a chunk's eight frames, each some hundred small matrix products. Its
+projection. The compiled loop takes a chunk's frames, each some hundred small matrix products. Its
 rows are sessions x guidance branches: 2 k is session k without sound, 2 k + 1 the same with sound.
 """
 

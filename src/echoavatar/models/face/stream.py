@@ -1,4 +1,4 @@
-"""Sound in, 52 curves out, 8 frames per step, many sessions in one batch.
+"""Sound in, 52 curves out, 4 or 8 frames per step, many sessions in one batch.
 
 Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
 matching, guidance 2.0. A session's face depends on its own sound and seed only.
@@ -61,7 +61,7 @@ class FaceStream:
     def step(
         self, audio: Float[Any, "b s"], state: FaceState, active: Bool[Any, " b"], seeds: Int[Any, " b"]
     ) -> Float[Any, "b t 52"]:
-        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
+        """Curves (0 to 1) of the next steps, 3,200 or 6,400 samples; the curves of inactive rows mean nothing.
 
         Raises ValueError if the samples are not whole steps.
         """
