@@ -6,6 +6,7 @@ from echoavatar.engine.manner import SpeakerManner
 from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.models.generator.manner import MANNER, draw_manner
 from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.timing import ChunkSize
 
 
 def test_it_wanders_slowly_around_what_the_seed_drew():
@@ -115,3 +116,12 @@ def test_a_small_gesturer_acts_and_dances_whole(wanted: str):
     if wanted == "wave":
         core.act("wave")
     assert (core.begin_chunk(0).hands[0] < 0.5) == (wanted == "nothing")
+
+
+def test_a_speaker_is_the_same_whatever_the_chunk() -> None:
+    """Two chunks of four frames are told what one of eight is."""
+    whole, half = SpeakerManner(7, FREE), SpeakerManner(7, FREE, ChunkSize(1))
+    for chunk in range(60):
+        for part in (2 * chunk, 2 * chunk + 1):
+            np.testing.assert_array_equal(half.at(part), whole.at(chunk))
+            np.testing.assert_array_equal(half.hands(part), whole.hands(chunk))

@@ -8,7 +8,7 @@ from echoavatar.engine import Engine, Session
 from echoavatar.engine.settling import Settling, joint_speed
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
-from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
 
 LOUD, QUIET = np.full(CHUNK_SAMPLES, 0.1, np.float32), np.zeros(CHUNK_SAMPLES, np.float32)
 MUSIC, HUM = 0.1 * LOUD, 0.01 * LOUD  # soft music, and the noise of a room
@@ -48,6 +48,15 @@ DANCE = [LOUD] * 16
 def test_a_dance_is_broken_off_by_the_first_silent_chunk_and_again_while_it_goes_on() -> None:
     answers = told([*DANCE, *[QUIET] * 5, *DANCE, QUIET], DANCING)
     assert [chunk for chunk, forgets in enumerate(answers) if forgets] == [16, 19, 37]
+
+
+@pytest.mark.parametrize(("frames", "quiet", "counted"), [(8, 1, 1), (4, 1, 0), (4, 2, 1), (4, 4, 3), (12, 1, 1)])
+def test_silence_is_as_long_whatever_the_chunk(frames: int, quiet: int, counted: int) -> None:
+    """A quarter of a second, which sounds in music are apart: two chunks of four frames."""
+    settling, heard = Settling(ChunkSize(frames // 4)), [LOUD] * 3 + [QUIET] * quiet
+    for chunk, sound in enumerate(heard[:-1]):
+        settling.made(chunk, sound, limbs(DANCING), HUMANOID)
+    assert settling.silence(len(heard) - 1, heard[-1]) == counted
 
 
 def test_soft_music_is_danced_to_and_the_noise_of_a_room_is_silence() -> None:

@@ -25,7 +25,7 @@ from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 Samples = Float[np.ndarray, " s"]
 QUEUE_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous
 MAX_UTTERANCES = 256  # that wait
-KEPT_SPANS = 128  # chunks, 17 s and more: further than a session can go back
+KEPT_S = 17.0  # of spans behind the newest: further than a session can go back
 
 
 class Span(NamedTuple):
@@ -59,7 +59,7 @@ class AudioQueue:
         """`rewind` is how many chunks behind the one being made can be taken again."""
         self.waiting = 0  # samples at 24 kHz that are not scheduled
         self.newest, self.pushed = 0, 0  # the newest utterance, and how much of it left the resampler
-        self._size, self._rewind = chunk.samples, rewind
+        self._size, self._rewind, self._kept = chunk.samples, rewind, chunk.within(KEPT_S)
         self._seconds, self._is_paced = seconds, is_paced
         self._resampler: StreamResampler | None = None
         self._is_finished = False
@@ -268,7 +268,7 @@ class AudioQueue:
             self._ends[utterance] = number * self._size + filled
         self._chunks[number], self._spans[number] = chunk, tuple(spans)
         self._scheduled += 1
-        self._spans.pop(number - KEPT_SPANS - 1, None)
+        self._spans.pop(number - self._kept - 1, None)
 
     def _pop(self, most: int) -> _Piece:
         """Take at most `most` samples of the first waiting piece."""

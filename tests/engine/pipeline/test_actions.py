@@ -38,6 +38,14 @@ def test_the_set_passes_along_the_clip() -> None:
     assert sets == [{5, 6, 7}, {1, 2, 5, 6, 7}, {1, 2, 5, 7}]
 
 
+def test_a_library_means_the_same_to_bundles_of_any_chunk(tmp_path: Path) -> None:
+    """The part that repeats begins and ends at the same seconds."""
+    ActionLibrary({"bow": BOW}).save(tmp_path)
+    half = ActionLibrary.load(tmp_path, 8, ChunkSize(1))["bow"]
+    assert (half.chunks, half.seconds, half.hold) == (6, BOW.seconds, (2 * BOW.hold[0], 2 * BOW.hold[1]))
+    assert ActionLibrary.load(tmp_path, 8)["bow"] == BOW
+
+
 def test_nobody_holds_a_pose_for_more_than_a_minute() -> None:
     """225 chunks of 0.27 s."""
     assert [BOW.length(seconds) for seconds in (50.0, 1e9)] == [188, 225]

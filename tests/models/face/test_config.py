@@ -21,3 +21,7 @@ def test_either_encoder_survives_the_file():
 def test_sizes_that_do_not_fit_are_named():
     with pytest.raises(ValidationError, match="width \\(100\\) must be a multiple of heads"):
         FaceConfig(width=100)
+    with pytest.raises(ValidationError, match="steps by 4 or 8 frames"):
+        FaceConfig(step=6)
+    with pytest.raises(ValidationError, match="a step of 4 frames has no 7 later ones"):
+        FaceConfig(step=4)

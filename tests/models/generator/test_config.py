@@ -16,6 +16,14 @@ def test_heads_must_divide():
         GeneratorConfig(heads=4, kv_heads=3)
 
 
+def test_half_a_chunk_belongs_to_the_orders_that_can_make_it():
+    for order in ("depth", "prefix"):
+        assert GeneratorConfig(sequence=order, step=1).audio_frames == 10
+    for order, step in (("interleaved", 1), ("depth", 3)):
+        with pytest.raises(ValidationError, match=f"a step of {step} motion tokens belongs to the prefix order"):
+            GeneratorConfig(sequence=order, step=step)
+
+
 def test_the_order_follows_the_name():
     assert isinstance(GeneratorConfig().order, Interleaved)
     assert isinstance(GeneratorConfig(sequence="prefix").order, Prefix)

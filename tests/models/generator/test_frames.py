@@ -37,6 +37,21 @@ def test_the_same_codes_as_in_torch(precision, is_steered):
     assert len(np.unique(wanted)) > 4
 
 
+def test_steps_of_one_token_draw_the_same_codes():
+    """In torch and without: the seed and the token's place say what is drawn, so a bundle's chunk may be either."""
+    whole, half = generator(sequence="depth"), generator(sequence="depth", step=1)
+    x, told = audio(1, 60), {"seeds": torch.tensor([4])}
+    wanted, again = (
+        stream.step(x, stream.init_state(1), torch.ones(1, dtype=torch.bool), **told)
+        for stream in (open_stream(whole), open_stream(half))
+    )
+    np.testing.assert_array_equal(again, wanted)
+    frames = FrameStream(half.config, arrays(half), rounds=False)
+    state, parts = frames.init_state(1), x.split(10, 1)
+    drawn = [frames.step(part.numpy(), state, np.ones(1, np.bool_), seeds=np.array([4])) for part in parts]
+    np.testing.assert_array_equal(np.concatenate(drawn, 1), wanted)
+
+
 @pytest.mark.parametrize("told", [{}, {"exemplar": True}, {"manner": True}])
 def test_weights_that_do_not_fit_are_named(told):
     """The compiled loop looks at no bounds."""

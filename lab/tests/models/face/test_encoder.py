@@ -8,9 +8,9 @@ from echoavatar.timing import CHUNK_SAMPLES, SAMPLES_PER_FRAME
 from echoavatar_lab.models.face.encoder import HubertEncoder, MelEncoder, normalize_window, pad_window
 
 
-def make(**changes: object) -> MelEncoder:
+def make(chunk: int = 8, **changes: object) -> MelEncoder:
     torch.manual_seed(0)
-    return MelEncoder(EAR.model_copy(update=changes)).double().eval()
+    return MelEncoder(EAR.model_copy(update=changes), chunk).double().eval()
 
 
 def seen_by(encoder: MelEncoder, frame: int) -> list[int]:
@@ -25,6 +25,7 @@ def test_a_frame_hears_its_own_chunk_and_a_bounded_past():
     """Two kernels reach 3 frames back each, a window starts 3 hops (1.5 frames) earlier; ahead to the chunk's end."""
     assert seen_by(make(), 16) == list(range(8, 24))
     assert seen_by(make(), 23)[-1] == 23
+    assert seen_by(make(chunk=4, ahead=3), 16) == list(range(8, 20))
 
 
 def test_without_looking_ahead_no_frame_hears_the_next():

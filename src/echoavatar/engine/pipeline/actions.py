@@ -7,6 +7,7 @@ have a meaning only to the tokenizer that made them, so a library is part of its
 """
 
 import json
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,8 +108,9 @@ class Action:
         return self.overlay.chunk(self.place(elapsed, length), self.chunk).scaled(intensity)
 
     def to_json(self) -> dict[str, object]:
-        """The action's entry in `actions.json`."""
-        row: dict[str, object] = {"name": self.name, "about": self.about, "hold": self.hold}
+        """The action's entry in `actions.json`, where `hold` counts motion tokens, so that it fits any chunk."""
+        hold = [place * self.chunk.tokens for place in self.hold]
+        row: dict[str, object] = {"name": self.name, "about": self.about, "hold": hold}
         row |= {"codes": self.codes, "guides": self.guides} | ({"set": True} if self.is_set else {})
         if self.overlay is None:
             return row
@@ -118,12 +120,12 @@ class Action:
     @classmethod
     def from_json(cls, row: dict[str, Any], chunk: ChunkSize = CHUNK) -> Self:
         """The inverse of `to_json`. Raises KeyError, TypeError or ValueError if something is missing or wrong."""
-        first, last = row["hold"]
+        first, last = int(row["hold"][0]) // chunk.tokens, math.ceil(int(row["hold"][1]) / chunk.tokens)
         overlay = Overlay.from_json(row["overlay"], row.get("hands")) if "overlay" in row else None
         codes = tuple(int(code) for code in row["codes"])
         guides = bool(row["guides"])
         is_set = bool(row.get("set", False))
-        name, hold, about = str(row["name"]), (int(first), int(last)), str(row["about"])
+        name, hold, about = str(row["name"]), (first, last), str(row["about"])
         return cls(name, codes, hold, about, guides, overlay, is_set, chunk)
 
 
