@@ -71,8 +71,7 @@ class SessionCore:
         """A paced session makes no chunk of speech before `schedule` has put it on the clock, see `Pacer`."""
         self.seat, self.seed, self.options = seat, seed, options
         self.chunk = host.chunk
-        self.music_ahead = self.chunk.within(MUSIC_AHEAD_S)  # chunks of music that are made ahead of the player
-        self._replan_ahead = self.chunk.within(REPLAN_AHEAD_S)
+        self.music_ahead, self._replan_ahead = map(self.chunk.within, (MUSIC_AHEAD_S, REPLAN_AHEAD_S))  # chunks
         self.is_new = True  # its row is not reset yet; the engine's note
         self.is_closed = False
         self.error: Exception | None = None  # the fault that ended the session
