@@ -66,9 +66,9 @@ def spoken(told: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
 
 
 def draw(found: list[Claim], day: date, count: int) -> list[Claim]:
-    """`count` claims of different places, or fewer, drawn with the date as seed."""
+    """`count` claims of different places, or fewer, in the order drawn with the date as seed; more only add to them."""
     places = {(one.file, one.line): one for one in random.Random(f"{day}").sample(found, len(found))}
-    return sorted(list(places.values())[:count], key=lambda one: (one.file, one.line))
+    return list(places.values())[:count]
 
 
 def table(drawn: list[Claim]) -> str:

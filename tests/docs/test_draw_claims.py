@@ -56,4 +56,5 @@ def test_the_date_alone_decides() -> None:
     assert first == draw_claims.draw(claims, date(2026, 11, 29), 10)
     assert first != draw_claims.draw(claims, date(2026, 11, 30), 10)
     assert len({one.line for one in first}) == 10
+    assert draw_claims.draw(claims, date(2026, 11, 29), 20)[:10] == first  # more draws replace none
     assert draw_claims.table(first).count("| | |\n") == 9  # the last row ends the text

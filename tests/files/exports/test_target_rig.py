@@ -165,7 +165,7 @@ def test_palms_that_meet_still_meet(put: tuple[Rig, Motion], take: Take) -> None
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_hands_that_rest_on_the_body_still_do_and_none_is_inside(kind: str, rigs) -> None:  # type: ignore[no-untyped-def]
-    """Cheek, hip, belly and heart: each palm within 2 cm of the same place on the same part of another body."""
+    """Cheek, hip, belly and heart: each palm near the same place on the same part of another body."""
     rig, source = read_rig(rigs[kind]), touching()
     plain, motion = retarget(source, rig.skeleton), rig.retarget(Take(source, None, None)).motion
     assert penetration_depth_m(rig.skeleton, motion.matrices(), rig.body).max() < 1e-3
@@ -175,8 +175,8 @@ def test_hands_that_rest_on_the_body_still_do_and_none_is_inside(kind: str, rigs
         for moved, found in ((motion, missed), (plain, by_rotations_alone)):
             there, radii = felt(moved, rig.body, touch)
             found.append(np.linalg.norm((there - place) * radii, axis=-1).max())
-    assert max(missed) < 0.02
-    assert max(by_rotations_alone) > {"child": 0.10, "tall": 0.018, "longarm": 0.15}[kind]
+    table = {"child": (0.010, 0.132), "tall": (0.011, 0.021), "longarm": (0.015, 0.195)}  # docs/integrations/exports.md
+    assert (max(missed), max(by_rotations_alone)) == pytest.approx(table[kind], abs=0.001)
 
 
 def test_a_body_is_measured_where_there_is_a_mesh(rigs) -> None:  # type: ignore[no-untyped-def]
