@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import soundfile
 from jaxtyping import Float
 
 from echoavatar.engine import AnimatedSound, in_blocks
@@ -97,6 +96,8 @@ class Animation(AnimatedSound):
 
     def to_html(self) -> str:
         """A page of its own, about 3 MB, with the avatar to turn and its sound; needs no network and no server."""
+        import soundfile
+
         from echoavatar.files.avatar import load_character
         from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
         from echoavatar.files.avatar.page import PageClip, page_text

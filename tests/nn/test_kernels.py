@@ -104,6 +104,22 @@ def test_only_what_the_cache_lacks_counts_as_compiled(tmp_path: Path) -> None:
     assert runs == ["['one'] ['compiling']\n", "[] []\n"]
 
 
+def test_reading_what_was_compiled_imports_no_linear_algebra(tmp_path: Path) -> None:
+    """It loads SciPy; a sum of numba's own lies in the module that imports it."""
+    (tmp_path / "total.py").write_text(
+        "import sys\nimport numpy as np\nfrom echoavatar.nn.kernels import compilations, kernel\n"
+        "@kernel()\ndef total(x):\n    return x.sum()\n"
+        "with compilations() as names:\n    value = total(np.ones(3))\n"
+        "print(value, names, 'numba.np.arraymath' in sys.modules)\n"
+    )
+    runs = [
+        subprocess.run([sys.executable, "total.py"], capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+        for _ in range(2)
+    ]
+    assert "True" in runs[0]
+    assert runs[1] == "3.0 [] False\n"
+
+
 def test_an_argument_whose_class_moved_to_another_module_is_compiled_for_anew(tmp_path: Path) -> None:
     """Numba alone ends in ModuleNotFoundError: its cache names the old module."""
     pair = "from typing import NamedTuple\nclass Pair(NamedTuple):\n    a: float\n    b: float\n"

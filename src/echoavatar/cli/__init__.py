@@ -88,6 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout = Printable(sys.stdout)
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look through all that is installed
         atexit.register(gc.freeze)  # or Python looks through all objects of the libraries at its end
         gc.set_threshold(200_000, 20, 20)  # no collections while they are made
     asked = next((word for word in words if not word.startswith("-")), "")

@@ -13,7 +13,6 @@ ECHOAVATAR_SERVE_SOUND_FONT.
 
 import argparse
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -48,6 +47,8 @@ def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[st
     """
     path, config = config_path(environment), dict[str, Any]()
     if PREFIX + "CONFIG" in environment or os.path.exists(path):  # Path.exists raises for a name that is too long
+        import tomllib
+
         text = read_text(path, "repair this configuration, or remove it")
         try:
             config = tomllib.loads(text)

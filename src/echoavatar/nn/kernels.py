@@ -31,6 +31,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import caching, event
+from numba.core.environment import Environment
 from numba.core.runtime import rtsys
 
 from echoavatar.cache import first_writable, user_caches
@@ -106,6 +107,21 @@ class _Entries(caching.CompileResultCacheImpl):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         self._lineno = function.__code__.co_firstlineno
         self._locator = SimpleNamespace(_py_file=function.__code__.co_filename)
+
+    def reduce(self, compiled: Any) -> Any:
+        """What is kept; the library's functions that were compiled into it come without their modules.
+
+        Numba would import these to read it. Its linear algebra loads SciPy where that is installed, which takes a fifth
+        of a second, and machine code looks up no names in a module.
+        """
+        *packed, environments = super().reduce(compiled)
+        return (*packed, tuple(_without_module(environment) for environment in environments))
+
+
+def _without_module(environment: Any) -> Any:
+    made = Environment({"__name__": "builtins"})
+    made.consts[:], made.env_name = environment.consts, environment.env_name
+    return made
 
 
 def fingerprint(function: Callable[..., Any], options: object = None) -> str:

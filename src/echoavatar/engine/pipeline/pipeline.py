@@ -175,11 +175,10 @@ class Pipeline:
             return self._warm_start
 
     def _after_silence(self) -> PipelineState:
-        """One row that has heard the lead-in silence. Stages behind the decoder, and the position, are reset."""
+        """One row whose models have heard the lead-in silence; the stages behind the decoder have seen nothing."""
         state, everyone = self.init_state(1), np.ones(1, np.bool_)
         for _ in range(self._lead_in):
-            self.step(np.zeros((1, self.chunk.samples), np.float32), state, everyone)
-        state.post.reset(everyone)
+            self._features(np.zeros((1, self.chunk.samples), np.float32), state, everyone)
         return state
 
     def restart_generator(self, state: PipelineState, rows: Bool[np.ndarray, " b"]) -> None:
@@ -225,6 +224,22 @@ class Pipeline:
         Row by row, `directive` holds the requests of actions, `manner` the numbers of `Manner`, and `hands`
         what the post-processing does with arms. Benchmarks set `on_stage`, called after each stage.
         """
+        features, face = self._features(audio, state, active, directive, manner)
+        pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
+        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage, hands) for piece in pieces])
+        if self.cylinder:
+            motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
+        return motion.split(face)
+
+    def _features(
+        self,
+        audio: Float[np.ndarray, "b s"],
+        state: PipelineState,
+        active: Bool[np.ndarray, " b"],
+        directive: Directive | None = None,
+        manner: Float[np.ndarray, "b m"] | None = None,
+    ) -> tuple[Float[np.ndarray, "b t c"], Float[np.ndarray, "b t 52"] | None]:
+        """What the models make of a chunk: motion before the stages behind the decoder, and the face."""
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
         face = self.face.step(level, state.face[0], active, state.seeds) if self.face else None
@@ -240,8 +255,4 @@ class Pipeline:
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
-        pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
-        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage, hands) for piece in pieces])
-        if self.cylinder:
-            motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
-        return motion.split(face)
+        return features, face
