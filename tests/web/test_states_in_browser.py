@@ -142,6 +142,7 @@ UNDER = """(() => {
   }
   return found;
 })()"""
+PRESSED = "document.querySelectorAll('[aria-expanded=true]').length"
 OPEN = "['hud', 'talk', 'typed'].filter((name) => !document.getElementById(name).hidden)"
 
 
@@ -157,7 +158,8 @@ def test_one_panel_is_open_and_none_is_over_hands_or_face(new_tab, mock_url, wid
         driver.page.keyboard.press("Escape")
         if step:
             driver.click(step)
-        assert driver.ask(OPEN) == panels
+        driver.wait(f"{OPEN}.join() === '{','.join(panels)}'")  # some open when sound is ready
+        assert driver.ask(PRESSED) == len(panels)
         driver.wait(f"!__echo.viewport.isGliding && {UNDER}.length === 0", seconds=40)
         time.sleep(0.5)
         assert driver.ask(UNDER) == []
