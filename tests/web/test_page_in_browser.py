@@ -405,6 +405,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
 def test_a_broken_line_comes_back_by_itself(page):
     page.page.evaluate("__echo.session.connection.socket.close()")
     page.wait("document.getElementById('line').textContent.includes('trying again')", seconds=5)
+    assert page.ask("document.getElementById('line').checkVisibility()")  # also in a small window
     page.wait("document.getElementById('line').textContent === '' && __echo.session.player.ahead > 0", seconds=20)
 
 
