@@ -7,14 +7,18 @@ import shutil
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.web.firefox import Firefox
+import uvicorn
+from tests.web.firefox import Firefox, FirefoxPage
+from tests.web.mock_server import make_app
 
 ROOT = Path(__file__).parents[2]
 START_S = 300  # the first start on a machine compiles kernels, and the machine may be busy
@@ -27,8 +31,7 @@ FLAGS = (
     "--use-fake-ui-for-media-stream",
     "--use-fake-device-for-media-stream",
 )
-
-
+LEAVING = ("context was destroyed", "no such frame", "AbortError", "unable to find the window")  # as browsers say it
 DROP = """
 (files) => {
   const dataTransfer = new DataTransfer();
@@ -70,18 +73,43 @@ class PageDriver:
 
     def _is(self, condition: str) -> bool:
         """Whether it holds; not while the page is left for the next."""
-        from playwright.sync_api import Error
-
         try:
             return bool(self.page.evaluate(condition))
-        except Error as error:
-            if "context was destroyed" in str(error):
+        except Exception as error:
+            if any(told in str(error) for told in LEAVING):
                 return False
             raise
 
     def click(self, selector: str) -> None:
-        """Click without waiting for animations to finish."""
-        self.page.locator(selector).first.dispatch_event("click")
+        """Click what is there or soon will be, without waiting for animations to finish."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.wait(f"!!{found}")
+        self.page.evaluate(
+            f"void {found}.dispatchEvent(new MouseEvent('click', {{ bubbles: true, cancelable: true }}))"
+        )
+
+    def follow(self, selector: str) -> None:
+        """Click what leads to another page, and wait for that."""
+        self.page.evaluate("void (window.isOld = true)")
+        self.click(selector)
+        self.wait("!window.isOld && document.readyState === 'complete'")
+
+    def write(self, selector: str, text: str, *, end: str = "Enter") -> None:
+        """Type into a field, and press a last key."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.page.evaluate(f"void ({found}.focus(), {found}.select())")
+        self.page.keyboard.type(text)
+        if end:
+            self.page.keyboard.press(end)
+
+    def download(self, selector: str, folder: Path) -> Path:
+        """Click what gives a file, and put that into a folder under the name that the page gave it."""
+        if isinstance(self.page, FirefoxPage):
+            return self.page.download(lambda: self.click(selector), folder)
+        with self.page.expect_download() as waiting:
+            self.click(selector)
+        waiting.value.save_as(folder / waiting.value.suggested_filename)
+        return folder / str(waiting.value.suggested_filename)
 
     def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
         """Drop a file on the page."""
@@ -132,7 +160,7 @@ def new_tab(request: pytest.FixtureRequest) -> Iterator[Callable[..., PageDriver
     if request.param == "chromium":
         yield request.getfixturevalue("new_page")
         return
-    firefox, pages = request.getfixturevalue("firefox"), []
+    firefox, pages = request.getfixturevalue("firefox"), list[FirefoxPage]()
 
     def make(width: int = 480, height: int = 360) -> PageDriver:
         pages.append(firefox.new_page(width, height))
@@ -149,6 +177,23 @@ def mock_url() -> Iterator[str]:
     port = free_port()
     script = Path(__file__).with_name("mock_server.py")
     yield from serving([sys.executable, str(script), "--port", str(port), "--tell-clock"], port)
+
+
+@contextmanager
+def mocked(**changes: Any) -> Iterator[str]:
+    """The mock server in a thread of this process, with a stream or routes of the test's own (`make_app`)."""
+    app = make_app({}, tell_clock=False, **changes)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="warning", lifespan="off"))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        assert thread.is_alive()
+        time.sleep(0.05)
+    try:
+        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}/"
+    finally:
+        server.should_exit = server.force_exit = True
+        thread.join(20)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +32,13 @@ PREFERENCES = {
     "toolkit.telemetry.reportingpolicy.firstRun": False,
     "network.captive-portal-service.enabled": False,
     "network.connectivity-service.enabled": False,
+    "media.autoplay.default": 0,
+    "media.navigator.streams.fake": True,
+    "media.navigator.permission.disabled": True,
+    "browser.download.folderList": 2,  # the folder below, without a question
+    "browser.download.alwaysOpenPanel": False,
 }
+KEYS = {"Escape": "\ue00c", "Enter": "\ue007"}
 
 
 class Firefox:
@@ -43,7 +49,10 @@ class Firefox:
             pytest.skip("no Firefox with a display on this machine: apt-get install firefox-esr xvfb")
         self._opened = ExitStack()
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        lines = [f'user_pref("{name}", {json.dumps(value)});' for name, value in PREFERENCES.items()]
+        self.downloads = Path(self._profile.name) / "downloads"
+        self.downloads.mkdir()
+        preferences = PREFERENCES | {"browser.download.dir": str(self.downloads)}
+        lines = [f'user_pref("{name}", {json.dumps(value)});' for name, value in preferences.items()]
         (Path(self._profile.name) / "user.js").write_text("\n".join(lines))
         words = [FIREFOX, "--no-remote", "--profile", self._profile.name]
         self._process = subprocess.Popen(
@@ -165,7 +174,7 @@ class FirefoxPage:
             expression=expression,
             target={"context": self._context},
             awaitPromise=True,
-            userActivation=False,
+            userActivation=True,
         )
         assert done["type"] == "success", done
         return done["result"].get("value")
@@ -177,11 +186,10 @@ class FirefoxPage:
     @property
     def keyboard(self) -> SimpleNamespace:
         """What presses keys."""
-        return SimpleNamespace(press=self._press)
+        return SimpleNamespace(press=lambda key: self._type([KEYS.get(key, key)]), type=self._type)
 
-    def _press(self, key: str) -> None:
-        value = {"Escape": "\ue00c"}.get(key, key)
-        presses = [{"type": "keyDown", "value": value}, {"type": "keyUp", "value": value}]
+    def _type(self, letters: Iterable[str]) -> None:
+        presses = [{"type": kind, "value": letter} for letter in letters for kind in ("keyDown", "keyUp")]
         keys = {"type": "key", "id": "keys", "actions": presses}
         self._firefox.ask("input.performActions", context=self._context, actions=[keys])
 
@@ -204,6 +212,17 @@ class FirefoxPage:
         """Write a PNG of what is seen."""
         shot = self._firefox.ask("browsingContext.captureScreenshot", context=self._context)
         Path(path).write_bytes(base64.b64decode(shot["data"]))
+
+    def download(self, ask: Callable[[], None], folder: Path) -> Path:
+        """Do what gives a file, and move that into a folder when it is complete."""
+        ask()
+        end = time.monotonic() + ANSWER_S
+        while True:
+            files = list(self._firefox.downloads.iterdir())
+            if len(files) == 1 and files[0].suffix != ".part" and files[0].stat().st_size:
+                return Path(shutil.move(files[0], folder / files[0].name))
+            assert time.monotonic() < end, f"nothing came: {files}"
+            time.sleep(0.1)
 
     def close(self) -> None:
         """Close the tab."""

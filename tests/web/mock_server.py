@@ -8,7 +8,7 @@ is a saw of one second, so that what a browser shows and plays can be read off i
 import argparse
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -35,6 +35,7 @@ from echoavatar.wire.messages import (
     ActionStatus,
     Audio,
     End,
+    Error,
     Flush,
     Hello,
     Interrupt,
@@ -61,9 +62,11 @@ AHEAD = {True: 1.5, False: 0.4}  # seconds sent ahead of playback: while sound w
 class MockSession:
     """One connection's clock, sound and replies."""
 
-    def __init__(self, socket: WebSocket, recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> None:
+    def __init__(
+        self, socket: WebSocket, recorded: Mapping[str, np.ndarray] | None = None, *, tell_clock: bool = False
+    ) -> None:
         self._socket = socket
-        self._recorded = recorded
+        self._recorded = recorded or {}
         self._tell_clock = tell_clock
         self._at = self._epoch = self._seg = 0
         self._waiting = np.zeros(0, np.float32)
@@ -73,9 +76,7 @@ class MockSession:
         self._hears_user = False
 
     async def run(self) -> None:
-        await self._socket.accept(subprotocol="echoavatar.v1.msgpack")
-        hello = decode_client(await self._socket.receive_bytes())
-        assert isinstance(hello, Hello)
+        """What follows `greeted`, until the client leaves."""
         await self._send(ready(tracks=["Four steps"] if "music_pcm" in self._recorded else []))
         self._played = (0, time.monotonic())
         pacing = asyncio.create_task(self._pace())
@@ -192,6 +193,20 @@ class MockSession:
         await self._socket.send_bytes(encode(message))  # type: ignore[arg-type]
 
 
+async def greeted(socket: WebSocket) -> Hello:
+    """Accept a client and read what it says first."""
+    await socket.accept(subprotocol="echoavatar.v1.msgpack")
+    hello = decode_client(await socket.receive_bytes())
+    assert isinstance(hello, Hello)
+    return hello
+
+
+async def refused(socket: WebSocket, error: Error, code: int) -> None:
+    """Tell a client why, and close."""
+    await socket.send_bytes(encode(error))
+    await socket.close(code)
+
+
 def ready(tracks: Sequence[str] = (), manner: Sequence[str] = ()) -> Ready:
     """What a session of ours tells first."""
     rest = [[float(x) for x in offset] for offset in HUMANOID.config.offsets]
@@ -240,15 +255,23 @@ async def _ears(request: Request) -> Response:
     return JSONResponse({"text": "something aloud" if wav[:4] == b"RIFF" else ""})
 
 
-def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
-    """Page, sounds, character and stream under the paths of the real server."""
+def make_app(
+    recorded: Mapping[str, np.ndarray],
+    *,
+    tell_clock: bool,
+    stream: Callable[[WebSocket], Awaitable[None]] | None = None,
+    routes: Sequence[BaseRoute] = (),
+) -> Starlette:
+    """Page, sounds, character and stream under the paths of the real server; `stream` and `routes` come before them."""
 
-    async def stream(socket: WebSocket) -> None:
+    async def usual(socket: WebSocket) -> None:
+        await greeted(socket)
         await MockSession(socket, recorded, tell_clock=tell_clock).run()
 
     return Starlette(
         routes=[
-            WebSocketRoute("/v1/stream", stream),
+            *routes,
+            WebSocketRoute("/v1/stream", stream or usual),
             voice_route(SimpleNamespace(settings=ServerSettings(), clients=ClientLimits(ClientRates(), ""))),  # type: ignore[arg-type]
             Route("/v1/chat", _chat, methods=["GET", "POST"]),
             Route("/v1/sessions", _sessions),

@@ -10,8 +10,8 @@ MESSAGES = "[...document.querySelectorAll('#messages p')].map((row) => row.class
 
 
 @pytest.fixture
-def page(new_page, mock_url):
-    driver = new_page(480, 420)
+def page(new_tab, mock_url):
+    driver = new_tab(480, 420)
     driver.open(f"{mock_url}?quality=low")
     driver.drop("boxes.vrm", make_vrm())
     driver.wait("!!__echo.avatar.driver.vrm")
@@ -22,8 +22,7 @@ def page(new_page, mock_url):
 
 
 def say(page, text):
-    page.page.locator("#words").fill(text)
-    page.page.locator("#words").press("Enter")
+    page.write("#words", text)
 
 
 def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
@@ -45,7 +44,7 @@ def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
 
 
 def test_what_is_said_aloud_is_answered(page):
-    """The browser's fake microphone beeps once a second: half a second of sound, then silence."""
+    """Chromium's fake microphone beeps once a second: half a second of sound, then silence."""
     page.click("#microphone")
     page.wait("document.getElementById('microphone').getAttribute('aria-pressed') === 'true'")
     page.wait("document.querySelectorAll('#messages p.assistant').length > 0")

@@ -4,23 +4,26 @@ import json
 import struct
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.web.conftest import PageDriver
+from PIL import Image
+from starlette.websockets import WebSocket
+from tests.web.conftest import PageDriver, mocked
 from tests.web.make_vrm import make_vrm
+from tests.web.mock_server import MockSession, greeted, refused
 
-from echoavatar.wire.codec import decode_client, encode
-from echoavatar.wire.messages import Error, Hello
+from echoavatar.wire.messages import Error
 
 pytestmark = pytest.mark.browser
 GREEN, RED = (0.1, 0.6, 0.2, 1), (0.8, 0.1, 0.1, 1)
 
 
 @pytest.fixture
-def page(new_page: Callable[..., PageDriver], mock_url: str) -> Any:
-    driver = new_page(480, 640)
+def page(new_tab: Callable[..., PageDriver], mock_url: str) -> Any:
+    driver = new_tab(480, 640)
     driver.open(f"{mock_url}?quality=low")
     yield driver
     assert driver.problems == []
@@ -64,9 +67,9 @@ COLOURS = """(() => {
 
 @pytest.mark.parametrize(("name", "is_vrm"), [("boxes.vrm", True), ("boxes.glb", False)])
 def test_an_outfit_is_chosen_by_its_picture(
-    new_page: Callable[..., PageDriver], mock_url: str, name: str, is_vrm: bool
+    new_tab: Callable[..., PageDriver], mock_url: str, name: str, is_vrm: bool
 ) -> None:
-    page = new_page(480, 640)
+    page = new_tab(480, 640)
     page.open(f"{mock_url}?quality=low")
     page.click("#avatar")
     page.wait("!document.getElementById('menu').hidden")
@@ -94,8 +97,7 @@ def test_other_sessions_are_watched_and_left_from_the_menu(page: PageDriver, moc
     page.wait("!document.getElementById('menu').hidden")
     watched = "[...document.querySelectorAll('[data-choice^=watch]')].map((row) => row.dataset.choice)"
     assert page.ask(watched) == ["watch-a robot"]  # not one's own
-    with page.page.expect_navigation(wait_until="load"):
-        page.click("[data-choice='watch-a robot']")
+    page.follow("[data-choice='watch-a robot']")
     page.wait("!!(window.__echo && __echo.avatar.driver)")
     assert (
         page.ask("[__echo.session.options?.role ?? 'viewer', new URLSearchParams(location.search).get('watch')]")[1]
@@ -103,62 +105,44 @@ def test_other_sessions_are_watched_and_left_from_the_menu(page: PageDriver, moc
     )
     page.click("#avatar")
     page.wait("!document.getElementById('menu').hidden")
-    with page.page.expect_navigation(wait_until="load"):
-        page.click("[data-choice=watch]")
+    page.follow("[data-choice=watch]")
     page.wait("!!(window.__echo && __echo.avatar.driver)")
     assert page.ask("location.search") == "?quality=low"
 
 
-def test_a_token_is_asked_for_on_the_page(new_page: Callable[..., PageDriver], mock_url: str) -> None:
-    driver = new_page(390, 780)
+def test_a_token_is_asked_for_on_the_page(new_tab: Callable[..., PageDriver]) -> None:
+    async def stream(socket: WebSocket) -> None:
+        if (await greeted(socket)).token == "secret":
+            await MockSession(socket).run()
+        else:
+            error = Error(code="unauthorized", message="wrong token", fatal=True, retry_after=0)
+            await refused(socket, error, 4401)
 
-    def answer(socket: Any) -> None:
-        server: Any = None
-
-        def take(data: bytes) -> None:
-            nonlocal server
-            if server is not None:
-                server.send(data)
-                return
-            hello = decode_client(data)
-            assert isinstance(hello, Hello)
-            if hello.token != "secret":
-                socket.send(encode(Error(code="unauthorized", message="wrong token", fatal=True, retry_after=0)))
-                socket.close(code=4401)
-                return
-            server = socket.connect_to_server()
-            server.send(data)
-
-        socket.on_message(take)
-
-    driver.page.route_web_socket("**/v1/stream", answer)
-    for token in ("wrong", "secret"):
-        if token == "wrong":
-            driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
-        driver.wait("!!document.getElementById('gate')?.open")
-        driver.page.fill("#token", token)
-        with driver.page.expect_navigation(wait_until="load"):
-            driver.click("#gate button")
-    driver.wait("!!(window.__echo && __echo.shown)")
-    assert driver.ask("[document.getElementById('gate').open, location.search]") == [False, "?quality=low"]
+    driver = new_tab(390, 780)
+    with mocked(stream=stream) as url:
+        driver.page.goto(f"{url}?quality=low", wait_until="commit")
+        for token in ("wrong", "secret"):
+            driver.wait("!!document.getElementById('gate')?.open")
+            driver.write("#token", token, end="")
+            driver.follow("#gate button")
+        driver.wait("!!(window.__echo && __echo.shown)")
+        assert driver.ask("[document.getElementById('gate').open, location.search]") == [False, "?quality=low"]
 
 
-def picture(driver: PageDriver) -> np.ndarray:
+def picture(driver: PageDriver, path: Path) -> np.ndarray:
     """What the window shows, without the avatar, its rings and the page's panels; (h, w, 3)."""
-    import io
-
-    from PIL import Image
-
-    driver.page.add_style_tag(
-        content="header, footer, section, aside, #toasts, #silhouette { display: none !important; }"
+    style = "header, footer, section, aside, #toasts, #silhouette { display: none !important; }"
+    driver.page.evaluate(
+        f"void document.head.append(Object.assign(document.createElement('style'), {{ textContent: '{style}' }}))"
     )
     driver.page.evaluate("void (__echo.avatar.driver.object.visible = __echo.viewport.echoes.mesh.visible = false)")
     driver.page.evaluate("void (__echo.viewport.light.object.visible = false)")
     time.sleep(1.5)
-    return np.asarray(Image.open(io.BytesIO(driver.page.screenshot(timeout=120_000))).convert("RGB")).astype(int)
+    driver.shot(path)
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
-def test_the_poster_looks_like_the_backdrop_and_a_new_light_changes_it(page: PageDriver) -> None:
+def test_the_poster_looks_like_the_backdrop_and_a_new_light_changes_it(page: PageDriver, tmp_path: Path) -> None:
     resolution = "__echo.viewport.resolution"
     page.page.evaluate(f"void ({resolution}.picture = () => false)")
     hidden = "!__echo.viewport.backdrop.mesh.visible"
@@ -170,7 +154,7 @@ def test_the_poster_looks_like_the_backdrop_and_a_new_light_changes_it(page: Pag
         for poster in (False, True):
             page.page.evaluate(f"void ({resolution}.isPoster = {str(poster).lower()})")
             page.wait(f"({hidden}) === {str(poster).lower()}")
-            shown[light, poster] = picture(page)
+            shown[light, poster] = picture(page, tmp_path / "shot.png")
         assert np.abs(shown[light, True] - shown[light, False]).mean() < 2
         assert np.abs(shown[light, True] - shown[light, False]).max() < 12
         assert np.ptp(shown[light, True].mean((1, 2))) > 4  # a gradient, no plain colour

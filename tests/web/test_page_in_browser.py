@@ -8,8 +8,11 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from starlette.responses import JSONResponse
+from starlette.routing import Route
 from tests.files.exports.bodies import long_armed
 from tests.motion.formats.repacked import in_parts, oddly_drawn, taken_apart, with_draco, with_meshopt
+from tests.web.conftest import mocked
 from tests.web.ktx2 import make_ktx2, with_ktx2
 from tests.web.make_vrm import make_vrm
 
@@ -23,8 +26,8 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
-def page(new_page, mock_url):
-    driver = new_page(480, 360)
+def page(new_tab, mock_url):
+    driver = new_tab(480, 360)
     driver.open(f"{mock_url}?quality=low")
     driver.drop("boxes.vrm", make_vrm())  # light, so that a software renderer keeps up
     driver.wait("!!__echo.avatar.driver.vrm")
@@ -176,25 +179,27 @@ def test_a_sound_is_one_sound_with_its_pauses_and_pressed_again_it_restarts(page
 def test_listening_ends_with_the_microphone(page):
     page.click("[data-source=microphone]")
     page.wait("!document.getElementById('menu').hidden")
-    page.page.locator("#menu button").nth(1).dispatch_event("click")
+    page.click("#menu button:nth-of-type(2)")
     page.wait("__echo.shown.state === 'listening'")
     assert page.ask("document.getElementById('stop').disabled") is False
     page.click("#stop")
     page.wait("__echo.shown.state === 'idle'")
 
 
-def test_without_a_voice_nothing_is_offered_and_it_says_what_to_install(new_page, mock_url):
-    driver = new_page()
-    none = {"voice": "", "voices": [], "install": "pip install it"}
-    driver.page.route("**/v1/voice", lambda route: route.fulfill(json=none))
-    driver.open(f"{mock_url}?quality=low")
-    driver.wait("!document.querySelector('[data-source=chat]').hidden")
-    assert driver.ask("document.querySelector('[data-source=text]').hidden")
-    driver.click("#help")
-    shown = """[...document.querySelectorAll(".unvoiced")].filter((note) => note.checkVisibility())
-      .map((note) => note.textContent)"""
-    (told,) = driver.ask(shown)
-    assert "pip install it" in told
+def test_without_a_voice_nothing_is_offered_and_it_says_what_to_install(new_tab):
+    async def voice(_):
+        return JSONResponse({"voice": "", "voices": [], "install": "pip install it"})
+
+    driver = new_tab()
+    with mocked(routes=[Route("/v1/voice", voice)]) as url:
+        driver.open(f"{url}?quality=low")
+        driver.wait("!document.querySelector('[data-source=chat]').hidden")
+        assert driver.ask("document.querySelector('[data-source=text]').hidden")
+        driver.click("#help")
+        shown = """[...document.querySelectorAll(".unvoiced")].filter((note) => note.checkVisibility())
+          .map((note) => note.textContent)"""
+        (told,) = driver.ask(shown)
+        assert "pip install it" in told
 
 
 def test_raised_hands_stay_in_the_picture(page):
@@ -246,8 +251,7 @@ def test_the_microphone_can_be_the_voice(page):
 def test_typed_text_is_said(page):
     page.wait("!document.querySelector('[data-source=text]').hidden")
     page.click("[data-source=text]")
-    page.page.locator("#text").fill("Good morning, this is a test.")
-    page.page.locator("#text").press("Enter")
+    page.write("#text", "Good morning, this is a test.")
     page.wait("__echo.shown.state === 'speaking'")
     page.wait("document.getElementById('text').value === ''")
 
@@ -362,22 +366,8 @@ def test_low_quality_has_the_light_of_high_quality_and_no_shadow_map(new_page, m
     assert driver.ask("__echo.viewport.renderer.shadowMap.enabled") is False
 
 
-def test_a_silhouette_stands_where_the_avatar_will(new_page, mock_url):
-    driver = new_page()
-    waiting = []
-    driver.page.route("**/avatar.glb*", lambda route: waiting.append(route))
-    driver.page.goto(mock_url, wait_until="commit")
-    driver.wait("!!(window.__echo && __echo.shown)")
-    opacity = "Number(getComputedStyle(document.getElementById('silhouette')).opacity)"
-    assert driver.ask(opacity) > 0.1
-    driver.page.wait_for_timeout(100)
-    for route in waiting:
-        route.continue_()
-    driver.wait(f"!!__echo.avatar.driver && {opacity} < 0.01")
-
-
-def test_the_character_is_recorded_with_its_motion(new_page, mock_url, tmp_path):
-    driver = new_page()
+def test_the_character_is_recorded_with_its_motion(new_tab, mock_url, tmp_path):
+    driver = new_tab()
     driver.open(f"{mock_url}?quality=low")
     path = record_motion(driver, "glb", tmp_path)
     data = path.read_bytes()
@@ -394,11 +384,9 @@ def record_motion(driver, kind, folder):
     driver.click("#record")
     driver.click(f"#menu [data-choice={kind}]")
     driver.wait("__echo.tools.recording?.take.frames.length >= 30")
-    with driver.page.expect_download() as waiting:
-        driver.click("#record")
-    assert waiting.value.suggested_filename == f"echoavatar.{kind}"
-    waiting.value.save_as(folder / f"take.{kind}")
-    return folder / f"take.{kind}"
+    path = driver.download("#record", folder)
+    assert path.name == f"echoavatar.{kind}"
+    return path
 
 
 def test_picture_and_sound_are_recorded(page, tmp_path):
@@ -406,10 +394,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
     page.click("#record")
     page.click("#menu [data-choice=webm]")
     page.wait("__echo.tools.recording?.parts.length > 2")
-    with page.page.expect_download() as waiting:
-        page.click("#record")
-    waiting.value.save_as(tmp_path / "take.webm")
-    with av.open(str(tmp_path / "take.webm")) as film:
+    with av.open(str(page.download("#record", tmp_path))) as film:
         (picture,) = film.streams.video
         assert (picture.width, picture.height) == (1920, 1080)
         assert film.duration is not None
@@ -420,6 +405,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
 def test_a_broken_line_comes_back_by_itself(page):
     page.page.evaluate("__echo.session.connection.socket.close()")
     page.wait("document.getElementById('line').textContent.includes('trying again')", seconds=5)
+    assert page.ask("document.getElementById('line').checkVisibility()")  # also in a small window
     page.wait("document.getElementById('line').textContent === '' && __echo.session.player.ahead > 0", seconds=20)
 
 

@@ -1,6 +1,7 @@
 /** The panels beside the avatar: one is open at a time, and the camera keeps face and hands out of them. */
 
-const PANELS = { hud: "meters", manner: "gestures", talk: "", typed: "" } as const; // and the button that opens each
+/** And the button that opens each. */
+const PANELS = { hud: "#meters", manner: "#gestures", talk: "[data-source=chat]", typed: "[data-source=text]" } as const;
 export type Panel = keyof typeof PANELS;
 const element = (id: string) => document.getElementById(id)!;
 
@@ -8,7 +9,7 @@ const element = (id: string) => document.getElementById(id)!;
 export function toggle(name: Panel, open = element(name).hidden !== false): boolean {
   for (const [other, button] of Object.entries(PANELS)) {
     element(other).hidden = other !== name || !open;
-    if (button) element(button).setAttribute("aria-expanded", String(!element(other).hidden));
+    document.querySelector(button)!.setAttribute("aria-expanded", String(!element(other).hidden));
   }
   return open;
 }

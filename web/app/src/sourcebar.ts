@@ -88,8 +88,9 @@ export class SourceBar {
     const button = this.buttons.get(name)!;
     if (button.hidden) return;
     try {
-      await this.wake();
-      await this.run(name, button);
+      const waking = this.wake();
+      if (name !== "text" && name !== "chat") await waking; // these open at once: Firefox never wakes without a sound device
+      await Promise.all([this.run(name, button), waking]);
     } catch (error) {
       this.mark(null);
       toast(explain(error as Error));
