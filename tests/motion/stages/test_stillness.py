@@ -41,10 +41,10 @@ def shown(
     return rotations
 
 
-def trunk_sway(hands: np.ndarray, travel: float = 0.0) -> float:
-    """Radians that the spine's sway of 0.1 spans when shown, beside hands that turn like this."""
+def trunk_sway(hands: np.ndarray, travel: float = 0.0, pace: float = 5.0) -> float:
+    """Radians that the spine's sway of 0.1 spans when shown, beside hands that turn like this; `pace` per second."""
     moves, sway = forearms(hands, hands), np.zeros((1, len(TIME), 3), np.float32)
-    sway[0, :, 0] = 0.05 * np.sin(5 * TIME)
+    sway[0, :, 0] = 0.05 * np.sin(pace * TIME)
     moves[:, :, HUMANOID.index("spine")] = quaternion_from_axis_angle(sway)
     made = shown(moves, travel=travel)[0, 120:, HUMANOID.index("spine")]
     return float(np.ptp(2 * np.arctan2(made[:, 1], made[:, 0])))
@@ -55,6 +55,13 @@ def test_the_trunk_takes_part_while_hands_work_and_is_calm_while_they_rest():
     assert 0.1 < works < 0.21
     assert 0.01 < rests < 0.04, "it still breathes"
     assert trunk_sway(0 * TIME, travel=0.5) == pytest.approx(0.1, abs=0.015), "a dancer's trunk passes"
+
+
+def test_a_trunk_does_not_shake_with_hands_that_work():
+    """At 4 Hz, which people's trunks hardly have; a dancer's passes."""
+    hands = 0.8 * np.sin(8 * TIME)
+    assert trunk_sway(hands, pace=25) < 0.1
+    assert trunk_sway(hands, travel=0.5, pace=25) == pytest.approx(0.1, abs=0.015)
 
 
 def test_a_trunk_that_turns_beside_resting_hands_gets_there():

@@ -15,8 +15,10 @@ v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 
 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
 `CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
-forgotten within `FORGOTTEN_S`. And no talker leans far to a side for seconds, as a generator may: the spine's roll is
-at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is.
+forgotten within `FORGOTTEN_S`. A trunk is heavy, and people's hardly moves above 2 Hz: a low-pass filter of `TRUNK_HZ`
+comes first, or what is fast in the codes would be shown larger, as a shake. And no talker leans far to a side for
+seconds, as a generator may: the spine's roll is at most `MOST_ROLL` (softly). The trunk of one who travels passes as it
+is.
 
 A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
 from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. The place
@@ -55,6 +57,7 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
+TRUNK_HZ = 2.0
 PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
 LOWERED, OPENED = 0.3, 0.2  # radians an arm length
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
@@ -165,11 +168,14 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
     kept = MOST_ROLL * math.tanh(roll / MOST_ROLL) / roll
     kept += (1.0 - kept) * passes
     forgotten = 1.0 - math.exp(-1.0 / (fps * FORGOTTEN_S))
+    follows = 1.0 / (1.0 + fps / (2.0 * math.pi * TRUNK_HZ))
+    follows += (1.0 - follows) * passes
     for bone in range(len(spine)):
         own = read_quaternion(pose[spine[bone]])
         now = normalized((own[0], own[1], own[2], own[3] * kept))
         new = now
         if has_shown:
+            now = between(read_quaternion(came[bone]), now, follows)
             step = multiply(conjugate(read_quaternion(came[bone])), now)
             new = normalized(multiply(read_quaternion(shown[bone]), between(IDENTITY, step, rate)))
             new = between(new, now, forgotten)
