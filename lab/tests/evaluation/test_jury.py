@@ -13,7 +13,7 @@ from echoavatar.motion.formats.tables import write_npz
 from echoavatar_lab.align.targets import GOALS
 from echoavatar_lab.evaluation.jury import Verdict, as_json, as_text, read_moving, verdicts
 from echoavatar_lab.evaluation.metrics.tells import HEARD, TELLS
-from echoavatar_lab.evaluation.onlooker import told_apart
+from echoavatar_lab.evaluation.onlooker import CONTROL, OURS, told_apart
 from echoavatar_lab.evaluation.paid_for import LEGEND, PAID_FOR, marked
 from echoavatar_lab.evaluation.table import UNKNOWN
 from echoavatar_lab.evaluation.takes import Take
@@ -49,6 +49,14 @@ def test_one_person_makes_no_range_and_performances_of_a_clip_are_one_clip() -> 
     by_name = [{row.name: row.ours for row in rows} for rows in means]
     for row in found["speech"]:
         assert row.ours == pytest.approx(np.mean([own[row.name] for own in by_name]), nan_ok=True)
+
+
+def test_captured_people_in_our_place_are_judged_as_ours_are() -> None:
+    """As the same clips: told as often; without them nothing is said."""
+    ours, judges = [take("a", 0.2), take("b", 0.3)], [take("ann", 0.5), take("eve", 0.7)]
+    told = told_apart(ours, judges, ours)
+    assert told[CONTROL].accuracy == told[OURS].accuracy
+    assert CONTROL not in told_apart(ours, judges)
 
 
 def test_a_take_that_cannot_be_judged_is_named() -> None:

@@ -166,8 +166,9 @@ def _jury(args: Namespace, bundle: Bundle) -> Numbers:
         else:
             ours = _performed(args, bundle, _sounds(args, "or judges --motion"), say)
         found = jury.verdicts(ours, captured, args.seconds, progress=partial(say, "measuring"))
-    sides = {kind: [[take for take in side if take.kind == kind] for side in (ours, judges)] for kind in found}
-    told = {kind: told_apart(*both) for kind, both in sides.items()}
+    known = people.read_people(args.captured, for_training=True) if judges else []  # the others may judge
+    sides = {kind: [[take for take in side if take.kind == kind] for side in (ours, judges, known)] for kind in found}
+    told = {kind: told_apart(*all_of) for kind, all_of in sides.items()}
     heard = stroke_times.responses(ours, captured)
     print(jury.as_text(found, told), stroke_times.as_text(heard), sep="\n")
     return jury.as_json(found, told) | {"strokes": stroke_times.as_json(heard)}

@@ -5,7 +5,8 @@ judges no more. It knows none of our statistics. It sees windows of 3 s: places 
 trunk and hips in the frame of the body, on a body of common measures, so that a rig's own measures give nobody away. A
 thousand fixed random convolutions describe each window (Dempster et al., ROCKET, 2020, doi 10.1007/s10618-020-00701-z),
 and a ridge classifier judges the description. It judges people that it was not fitted on, where there are two, and
-clips of ours that it was not fitted on. People are judged beside: each person against the others.
+clips of ours that it was not fitted on. People are judged beside: each person against the others, and, as a control,
+other captured people in our place: few of the judges talk for more than seconds, so a talker is told from them by that.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +35,7 @@ from .takes import Take, points_of, told_by_path
 WINDOW_S, HOP_S = 3.0, 1.5
 KERNELS, TAPS, DILATIONS, SEEN = 1024, 9, (1, 2, 4, 8), 4  # channels that one kernel sees: about 4
 AT_ONCE = 256  # windows
-OURS, PEOPLE = "ours", "people, mean"
+OURS, CONTROL, PEOPLE = "ours", "captured people in our place", "people, mean"
 DECAYS = np.logspace(-1, 5, 7)
 _WORDS = {MUSIC: ("dance",), SILENCE: ("idle",), SPEECH: ("",)}  # what is neither dance nor idle gestures
 
@@ -68,17 +69,19 @@ def read_judges(folder: Path) -> list[Take]:
     return takes
 
 
-def told_apart(ours: Sequence[Take], people: Sequence[Take]) -> dict[str, Told]:
-    """How `OURS` is told from people, `PEOPLE` from one another in the mean, and each by the folder's name.
+def told_apart(ours: Sequence[Take], people: Sequence[Take], control: Sequence[Take] = ()) -> dict[str, Told]:
+    """How `OURS` and the `CONTROL` are told from people, `PEOPLE` from one another in the mean, and each by its folder.
 
     All takes are of one kind of sound. Empty if a side has no window of 3 s; NaN if it has a single one.
     """
-    made, true = ([one for take in takes for one in _windows(take)] for takes in (ours, people))
+    made, known, true = ([one for take in takes for one in _windows(take)] for takes in (ours, control, people))
     if not made or not true:
         return {}
-    described = _described(np.stack([one.channels for one in (*made, *true)]))
-    own, others = described[: len(made)], described[len(made) :]
+    described = _described(np.stack([one.channels for one in (*made, *known, *true)]))
+    own, held, others = np.split(described, [len(made), len(made) + len(known)])
     found, each = {OURS: _told(own, [one.clip for one in made], others, true)}, {}
+    if known:
+        found[CONTROL] = _told(held, [one.clip for one in known], others, true)
     for person in dict.fromkeys(one.person for one in true):
         is_it = np.array([one.person == person for one in true])
         rest = [one for one in true if one.person != person]
