@@ -26,6 +26,7 @@ def say(page, text):
 
 
 def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
+    page.need_sound()
     say(page, "hello there")
     page.wait("document.querySelectorAll('#messages p').length === 2")
     page.wait("__echo.shown.state === 'speaking'")
@@ -45,6 +46,7 @@ def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
 
 def test_what_is_said_aloud_is_answered(page):
     """Chromium's fake microphone beeps once a second: half a second of sound, then silence."""
+    page.need_sound()
     page.click("#microphone")
     page.wait("document.getElementById('microphone').getAttribute('aria-pressed') === 'true'")
     page.wait("document.querySelectorAll('#messages p.assistant').length > 0")

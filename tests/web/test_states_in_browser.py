@@ -171,6 +171,7 @@ def test_one_panel_is_open_and_none_is_over_hands_or_face(new_tab, mock_url, wid
 def test_a_microphone_shows_how_loud_it_is(new_tab, mock_url):
     """Chromium's fake microphone beeps once a second, Firefox's all the time."""
     page = new_tab(480, 360)
+    page.need_sound()
     page.open(f"{mock_url}?quality=low")
     height = page.ask("document.querySelector('.bar').offsetHeight")
     page.click("[data-source=microphone]")
