@@ -32,7 +32,7 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert animation._repr_html_().startswith("<iframe")
     assert (tmp_path / "speech.glb").stat().st_size > 100_000
     assert shapes["rotations"][1:] == (52, 4)
-    assert frames == 24
+    assert frames == 28
 
 
 def test_the_space_moves_an_avatar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -241,7 +241,8 @@ def stages() -> dict[str, Stage]:
         "model": {name: size for name, size in part.items() if name != "features"},
         "training": bundle_training().model_dump(),
     }
-    left_out = ("layout", "patience", "is_leveled", "exemplar", "manner")  # follow from the codes and from the schedule
+    # What follows from the codes and from the schedule, and the chunk, which goes with a face of as many frames.
+    left_out = ("layout", "patience", "is_leveled", "exemplar", "manner", "step")
     generator_base = {
         "model": {name: size for name, size in generator.items() if name not in left_out},
         "training": {
