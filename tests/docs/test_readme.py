@@ -19,7 +19,7 @@ def test_the_python_example_runs_and_prints_what_it_says(capsys: pytest.CaptureF
     exec(compile(code, "README.md", "exec"), {})
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "(4, 52, 4) (4, 3)"
-    assert len(printed) == 15  # two seconds are seven and a half chunks
+    assert len(printed) == 15  # of two seconds
 
 
 def test_the_three_lines_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

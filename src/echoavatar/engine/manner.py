@@ -45,6 +45,7 @@ class SpeakerManner:
         self._drawn[REST] = 0  # at the sides: the model keeps idle hands before the body too often
         self._set: dict[str, float] = {}
         self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
+        self._borders: dict[int, int] = {}  # where turns begin
         self.choose(options.liveliness, options.handedness)
 
     def choose(self, liveliness: float | None = None, handedness: float | None = None) -> None:
@@ -117,8 +118,12 @@ class SpeakerManner:
 
     def _border(self, turn: int) -> int:
         """The first step of a turn."""
-        rng = np.random.default_rng([self._seed, 4, turn])
-        return turn * TURN_STEPS + int(rng.integers(-TURN_JITTER, TURN_JITTER + 1)) if turn > 0 else 0
+        if turn <= 0:
+            return 0
+        if turn not in self._borders:
+            off = np.random.default_rng([self._seed, 4, turn]).integers(-TURN_JITTER, TURN_JITTER + 1)
+            self._borders = dict(list(self._borders.items())[-KEPT:]) | {turn: turn * TURN_STEPS + int(off)}
+        return self._borders[turn]
 
     def _wander(self, block: int) -> Float[np.ndarray, " m"]:
         wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))
