@@ -112,8 +112,8 @@ def test_a_crowd_that_comes_at_once_finds_the_room_measured(machine: Machine) ->
     engine = Engine(machine, seats=16, workers=1)  # type: ignore[arg-type]
     assert engine.free == 16
     engine.measure()
-    assert engine.free == 7  # of 0.8 times 267 ms, 30 each
-    for _ in range(7):
+    assert engine.free == 6  # of 0.7 times 267 ms, 30 each
+    for _ in range(6):
         engine.open_core(is_paced=True)
     assert engine.free == 0
 
@@ -141,7 +141,7 @@ def test_the_last_chunks_count_and_one_session_always_has_room() -> None:
         capacity.note(10.0, 1)
     assert capacity.room(16) == 1
     for _ in range(RECENT // 4):
-        capacity.note(0.4, 4)
+        capacity.note(0.34, 4)
     assert capacity.room(16) == 4
     capacity.forget()
     capacity.note(0.0, 1)

@@ -68,7 +68,7 @@ async def test_who_waits_before_a_full_server_keeps_a_place(monkeypatch: pytest.
 
 async def test_who_comes_beyond_what_the_machine_carries_is_told_so_and_nobody_ends_for_it() -> None:
     manager = SessionManager(Engine(Body(), seats=8, workers=1), ServerSettings())  # type: ignore[arg-type]
-    manager.engine._capacity.note(0.1, 1)  # twice within 0.8 of a chunk's time
+    manager.engine._capacity.note(0.09, 1)  # twice within 0.7 of a chunk's time
     box = Outbox()
     lost, stays = manager.enter(Hello(), box), manager.enter(Hello(), Outbox())
     with pytest.raises(ProtocolError, match="carries 2 sessions") as caught:

@@ -6,7 +6,7 @@ No constant could say so, nor a measurement at the start alone: video, voices an
 from collections import deque
 from statistics import fmean
 
-FULL = 0.8  # of the workers' time: what sessions may take, since chunks that come together wait for each other
+FULL = 0.7  # of the workers' time: what sessions may take, since chunks that come together wait for each other
 RECENT = 64  # chunks
 
 
