@@ -178,7 +178,8 @@ def test_defaults_are_the_sizes_of_the_shipped_bundle() -> None:
     complete(found, tokenizer.layers)
     heard = {name: shipped("generator")[name] for name in ("layout", "patience")}
     generator = found.checked(GeneratorConfig, "model", **heard)
-    told = {"manner": False}  # no size; clips have manners where the corpus was made with them
+    # Neither is a size: clips have manners where the corpus was made with them, and the chunk goes with the face.
+    told = {"manner": False, "step": 2}
     assert generator == GeneratorConfig.model_validate(shipped("generator") | told)
     assert stage_settings("tokens").training["patience"] == stage_settings("decoder").training["patience"]
     assert stage_settings("tokens").training["patience"] == generator.patience
