@@ -224,7 +224,7 @@ def picture(width: int, height: int) -> File:
 def library(*rows: dict[str, Any], times: int = 1) -> File:
     """An `actions.json` of these actions in a bundle."""
     whole = {"name": "wave", "about": "to wave", "hold": [0, 1], "codes": [0, 0, 0, 0], "guides": True}
-    return plain(lambda: json.dumps({"actions": [whole | row for row in rows] * times}), LIST, "json")
+    return plain(lambda: json.dumps({"version": 2, "actions": [whole | row for row in rows] * times}), LIST, "json")
 
 
 def mp3_with_covers(count: int) -> bytes:

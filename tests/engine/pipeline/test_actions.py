@@ -27,6 +27,10 @@ def test_codes_of_another_tokenizer_and_damaged_files_are_named(tmp_path: Path) 
     ActionLibrary({"bow": BOW}).save(tmp_path)
     with pytest.raises(CheckpointError, match="'bow' was made for another tokenizer"):
         ActionLibrary.load(tmp_path, 4)
+    older = (tmp_path / "actions.json").read_text().replace('"version": 2', '"version": 1')
+    (tmp_path / "actions.json").write_text(older)
+    with pytest.raises(CheckpointError, match="version 1, read is 2.*make it again"):
+        ActionLibrary.load(tmp_path, 8)
     (tmp_path / "actions.json").write_text("[1, 2")
     with pytest.raises(CheckpointError, match="not a library of actions"):
         ActionLibrary.load(tmp_path, 8)

@@ -24,6 +24,7 @@ from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.whole_file import write_whole
 
 FILE = "actions.json"
+VERSION = 2  # 1 counted `hold` in chunks of two motion tokens
 REACH_S = 0.27  # before and after the current place: codes of that time are in the set
 LONGEST_S = 60.0
 NAME = re.compile("[a-z0-9_]{1,64}")  # language models are offered the name; pages and terminals show it
@@ -151,7 +152,7 @@ class ActionLibrary(dict[str, Action]):
         """Write `actions.json`."""
         rows = [action.to_json() for action in self.values()]
         lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
-        write_whole(folder / FILE, '{"version": 1, "actions": [\n' + lines + "\n]}\n")
+        write_whole(folder / FILE, f'{{"version": {VERSION}, "actions": [\n{lines}\n]}}\n')
 
     @classmethod
     def load(cls, folder: Path, codes: int, chunk: ChunkSize = CHUNK) -> "ActionLibrary":
@@ -163,7 +164,10 @@ class ActionLibrary(dict[str, Action]):
         if not path.exists():
             return cls()
         try:
-            rows = read_object_file(path)["actions"]
+            library = read_object_file(path)
+            if library["version"] != VERSION:
+                raise ValueError(f"version {library['version']}, read is {VERSION}")
+            rows = library["actions"]
             _check_sizes(rows)
             actions = [Action.from_json(row, chunk) for row in rows]
         except (ValueError, LookupError, TypeError, EchoAvatarError) as error:
