@@ -104,7 +104,7 @@ def test_the_command_performs_or_judges_and_ends_with_json(
     assert main([*asked, *sounds, *judged]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     told = json.loads(said[-1])["speech"]
-    assert told["of"] == 29
+    assert told["of"] == 31
     assert set(told["rows"]) == {*TELLS, *HEARD}
     assert {name for name, row in told["rows"].items() if row["paid_for"]} == set(TELLS)
     assert 0 <= told["told_apart"]["ours"]["accuracy"] <= 1

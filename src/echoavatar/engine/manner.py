@@ -20,7 +20,7 @@ LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right"
 # both hands more often, and they mirror each other less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
-SMALLEST, LARGEST = 0.35, 1.25  # how far arms move at the ends of the dial, as times as the model says
+SMALLEST, MIDDLE, LARGEST = 0.35, 1.1, 1.3  # times the model's moves, along the dial: the stage takes a tenth
 DRIFT = 0.15  # how far a number wanders from what was drawn
 STEP = CHUNK  # 0.27 s: how long all that is decided here holds at least, whatever the chunk
 DRIFT_STEPS = 45  # 12 s, two or three phrases, until it stands elsewhere
@@ -59,7 +59,7 @@ class SpeakerManner:
         if not talks:
             return WHOLE
         middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
-        size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, 1, LARGEST))
+        size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, MIDDLE, LARGEST))
         works = np.interp(self._busy(self._step(chunk)), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)

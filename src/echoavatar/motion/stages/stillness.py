@@ -11,7 +11,7 @@ stays behind catches up:
 v and w are the speeds of its own and the other wrist as decoded, in arm lengths per second, averaged over `AVERAGE_S`
 of the frames before or, where that is more, of those that the chunk holds after it: so a stroke begins on time. d is
 how many arm lengths the hand is behind, u the speed of the hips in metres per second: a dancer's arms pass freely. At
-v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 50 ms.
+v = 0.2 beside a resting hand it follows with a time constant of 0.6 s, at 1 of 30 ms.
 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
 `CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
@@ -23,8 +23,9 @@ is.
 A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
 from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. The place
 of a hand of size under 1 rises `RISES` times as slowly as it sinks: none stays up. And the generator holds a speaker's
-hands too far before the body, so an arm turns down and aside by `LOWERED` and `OPENED` times the distance. All that
-ends as the hips travel, and at once where legs dance. Not in the paper.
+hands too far before the body. So the elbow is drawn back, the forearm folds and the arm turns aside, by `DRAWN`,
+`FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All that ends as the hips
+travel, and at once where legs dance. Not in the paper.
 """
 
 import math
@@ -54,12 +55,12 @@ from ..kinematics.quaternions import (
 )
 from .pose import Array, Pose
 
-STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
-AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
-CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.4, 0.5, 1.0
+STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.6
+AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.3, 2.0, 2.0, 0.5
+CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.2, 0.5, 1.0
 TRUNK_HZ = 2.0
 PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
-LOWERED, OPENED = 0.3, 0.2  # radians an arm length
+DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
 MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
 # Sizes of the left and the right hand, and 1 if they talk: here those of actions and dances.
 WHOLE = np.array([1, 1, 0], np.float32)
@@ -186,10 +187,13 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 @kernel()
 def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
-    """Turn the upper arm of a frame down and aside, the more, the further the wrist is before the shoulder."""
+    """Draw the elbow of a frame back and turn the arm aside, the more, the further the wrist is before the shoulder."""
     half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
-    turn = normalized((1.0, half * LOWERED, half * (OPENED if offsets[0][0] > 0.0 else -OPENED), 0.0))
-    write_quaternion(pose[joints[1]], multiply(turn, read_quaternion(pose[joints[1]])))
+    back, folds = normalized((1.0, half * DRAWN, 0.0, 0.0)), normalized((1.0, -half * FOLDED, 0.0, 0.0))
+    upper, lower = read_quaternion(pose[joints[1]]), read_quaternion(pose[joints[2]])
+    turned, aside = multiply(back, upper), half * (OPENED if offsets[0][0] > 0.0 else -OPENED)
+    write_quaternion(pose[joints[2]], multiply(multiply(conjugate(turned), multiply(folds, upper)), lower))
+    write_quaternion(pose[joints[1]], multiply(normalized((1.0, 0.0, aside, 0.0)), turned))
 
 
 @kernel()

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
@@ -25,6 +25,7 @@ JUDGED = (*POINTS, "neck")
 MIRROR = np.array([-1.0, 1.0, 1.0])
 WORKS, RESTS, HOLDS, STEPS = 0.5, 0.15, 0.25, 0.3  # speeds: arm lengths a second; of the ankle metres a second
 SHORTEST_HOLD_S, SHARED_S = 0.2, 3
+RAISED = -0.5  # arm lengths above the shoulders: about the elbow of a hanging arm
 DIP, STROKE, ONE_HANDED = 0.1, 0.2, 0.4  # arm lengths a second, twice, and the other hand's share of the speed
 SLOW_FRAMES = 1.5 * FRAME_RATE_HZ  # of the Gaussian whose mean is a slow change of place or loudness
 PAUSE, FEWEST_QUIET, MOST_LATE = 0.1, 15, 30  # of the loudest frames; frames; frames
@@ -139,11 +140,22 @@ def _angle(some: Float[np.ndarray, "t 3"], others: Float[np.ndarray, "#t 3"]) ->
     return np.asarray(np.arccos(((some * others).sum(-1) / lengths).clip(-1, 1)))
 
 
-def _holds_s(moves: Moves) -> Float[np.ndarray, " n"]:
-    """Lengths of the stretches in which both hands are slower than `HOLDS`, seconds."""
-    ends = np.flatnonzero(np.diff(np.pad(moves.fast < HOLDS, 1).astype(int)))
+def _stretches_s(holds: Bool[np.ndarray, " t"]) -> Float[np.ndarray, " n"]:
+    """Lengths of the stretches in which this holds, seconds; shorter ones than `SHORTEST_HOLD_S` are left out."""
+    ends = np.flatnonzero(np.diff(np.pad(holds, 1).astype(int)))
     lengths = (ends[1::2] - ends[::2]) / FRAME_RATE_HZ
     return np.asarray(lengths[lengths >= SHORTEST_HOLD_S])
+
+
+def _holds_s(moves: Moves) -> Float[np.ndarray, " n"]:
+    """Lengths of the stretches in which both hands are slower than `HOLDS`, seconds."""
+    return _stretches_s(moves.fast < HOLDS)
+
+
+def _stays_up_s(moves: Moves) -> float:
+    """Median time for which a raised hand stays up, seconds; NaN where none is raised."""
+    times = np.concatenate([_stretches_s(moves.hands[:, side, 1] > RAISED) for side in range(2)])
+    return float(np.median(times)) if len(times) else float("nan")
 
 
 def _starts_over_stops(moves: Moves) -> float:
@@ -185,6 +197,8 @@ TELLS: Table = {
     "hands: one works, other rests": lambda m: ((m.fast > WORKS) & (m.speed.min(1) < RESTS)).mean(),
     "hands: unequal share of work": lambda m: _unequal(m.speed),
     "hands: unequal within 3 s": _unequal_within,
+    "hands: one-handed strokes": _one_handed,
+    "hands: stay up, median s": _stays_up_s,
     "place: mean height": lambda m: m.hands[..., 1].mean(),
     "place: height, 90 %": lambda m: np.quantile(m.hands[..., 1], 0.9),
     "place: above shoulders, share": lambda m: (m.hands[..., 1] > 0).mean(),
