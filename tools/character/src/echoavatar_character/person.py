@@ -100,7 +100,7 @@ MAYA = Person(
         "chin/chin-height-decr": 0.2,
         "cheek/@cheek-bones-incr": 0.35,
         "neck/neck-scale-horiz-decr": 0.3,
-        "torso/measure-waist-circ-incr": 0.8,
+        "torso/measure-waist-circ-incr": 0.45,
         "torso/torso-vshape-decr": 0.4,
     },
     FRIENDLY,
