@@ -1,4 +1,4 @@
-"""Run inside Blender: imports a GLB, BVH or FBX, tells where its bones are, and draws frames beside each other.
+"""Run inside Blender: imports a GLB, BVH or FBX, tells bones and shapes, and draws frames beside each other.
 
 blender --background --python blender_picture.py -- FILE OUT.json [OUT.png FRAME...]
 """
@@ -48,14 +48,14 @@ def ahead():
 action = rig.animation_data.action
 last = int(action.frame_range[1])
 sampled = sorted({*range(int(action.frame_range[0]), last + 1, 10), *frames})
-out = {"first": int(action.frame_range[0]), "last": last, "frames": {}, "keys": []}
+shaped = [thing.data.shape_keys for thing in bpy.data.objects if thing.type == "MESH" and thing.data.shape_keys]
+out = {"first": int(action.frame_range[0]), "last": last, "frames": {}, "shapes": {}, "keys": []}
 for frame in sampled:
     scene.frame_set(frame)
     bpy.context.view_layer.update()
     out["frames"][frame] = places()
-for thing in bpy.data.objects:
-    if thing.type == "MESH" and thing.data.shape_keys:
-        out["keys"] += [block.name for block in thing.data.shape_keys.key_blocks]
+    out["shapes"][frame] = {block.name: block.value for keys in shaped for block in keys.key_blocks}
+out["keys"] = [block.name for keys in shaped for block in keys.key_blocks]
 with open(told, "w") as file:
     json.dump(out, file)
 

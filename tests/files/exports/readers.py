@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from echoavatar.errors import DependencyError
+from echoavatar.files.exports.blender import find_blender
+
 ROOT = Path(__file__).parents[3]
 WEB = ROOT / "web"
-BLENDER = shutil.which("blender")
 PICTURE = Path(__file__).with_name("blender_picture.py")
 
 
@@ -30,16 +32,13 @@ def node(script: str, *words: object) -> dict[str, Any]:
 
 def blender(source: Path, *, picture: Path | None = None, frames: tuple[int, ...] = ()) -> dict[str, Any]:
     """Where Blender sees the bones, every tenth frame, and pictures of some."""
-    if BLENDER is None:
-        pytest.skip("needs Blender (apt-get install blender python3-numpy)")
+    try:
+        program = find_blender()
+    except DependencyError:
+        pytest.skip("needs Blender (apt-get install blender python3-numpy, or pip install --no-deps bpy)")
     told = source.with_suffix(".places.json")
     words = [str(source), str(told), *([str(picture)] if picture else []), *map(str, frames)]
-    done = subprocess.run(
-        [BLENDER, "--background", "--factory-startup", "--python", str(PICTURE), "--", *words],
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+    done = subprocess.run([*program, str(PICTURE), "--", *words], capture_output=True, text=True, timeout=600)
     assert told.exists(), (done.stdout + done.stderr)[-2000:]
     found: dict[str, Any] = json.loads(told.read_text())
     return found

@@ -1,6 +1,7 @@
-"""What Blender makes of our files. It starts slowly: the round trips are marked slow, and skip where there is none."""
+"""What Blender or bpy makes of our files. It starts slowly: the round trips are slow, and skip where there is none."""
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from tests.files.exports.readers import blender
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.files.exports import Take, check_output, read_rig, write_take
 from echoavatar.files.exports.blender import find_blender, write_fbx
+from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import Motion
 
 
@@ -17,7 +19,7 @@ def test_without_blender_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setenv("BLENDER", str(tmp_path / "no-blender"))
     with pytest.raises(DependencyError, match="no-blender"):
         find_blender()
-    with pytest.raises(DependencyError, match="apt-get install blender"):
+    with pytest.raises(DependencyError, match=r"pip install --no-deps bpy.*apt-get install blender"):
         check_output(tmp_path / "a.fbx", has_rig=False)
 
 
@@ -38,9 +40,19 @@ def test_the_package_bpy_takes_the_place_of_the_program(monkeypatch: pytest.Monk
     assert find_blender() == [sys.executable]
     write_fbx(tmp_path / "a.fbx", b"", 30)
     assert (tmp_path / "a.fbx").read_text() == "fbx"
+    assert "bpy" not in sys.modules  # it ran in a process of its own
     monkeypatch.setenv("BLENDER", str(tmp_path / "no-blender"))
     with pytest.raises(DependencyError, match="no-blender"):
         find_blender()
+
+
+def test_a_python_that_has_bpy_may_be_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """For a Python that `bpy` is not made for. Blender's own words would be a script to it."""
+    for name, words in (("python3.11", 1), ("blender-5.0", 6)):
+        (tmp_path / name).touch(0o755)
+        monkeypatch.setenv("BLENDER", str(tmp_path / name))
+        assert find_blender()[0] == str(tmp_path / name)
+        assert len(find_blender()) == words
 
 
 def test_a_blender_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -95,3 +107,20 @@ def test_an_fbx_by_blender_comes_back_into_blender(rigs, short: Take, tmp_path: 
     write_take(tmp_path / "a.fbx", short, rig=rig)
     found = blender(tmp_path / "a.fbx")
     compare(found, moved.motion, offset=found["first"], tolerance=5e-3)
+
+
+@pytest.mark.slow
+def test_an_fbx_by_bpy_has_bones_and_face_in_place(
+    monkeypatch: pytest.MonkeyPatch, short: Take, tmp_path: Path
+) -> None:
+    if find_spec("bpy") is None:
+        pytest.skip("needs bpy (pip install --no-deps bpy)")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("BLENDER", raising=False)
+    write_take(tmp_path / "a.fbx", short)
+    found, shown = blender(tmp_path / "a.fbx"), short.on_humanoid()
+    compare(found, shown.motion, offset=found["first"], tolerance=1e-3)
+    assert shown.face is not None
+    for frame, values in found["shapes"].items():
+        curves = [values[name] for name in ARKIT_NAMES]
+        np.testing.assert_allclose(curves, shown.face[int(frame) - found["first"]], atol=1e-3)

@@ -15,7 +15,7 @@ from pathlib import Path
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.whole_file import whole_file
 
-PROGRAM = "BLENDER"  # environment variable with the path of the program
+PROGRAM = "BLENDER"  # environment variable with the path of the program, or of a Python that has `bpy`
 TIMEOUT_S = 600.0
 _SCRIPT = """
 import sys, bpy, numpy
@@ -46,12 +46,14 @@ def find_blender() -> list[str]:
     """
     named = os.environ.get(PROGRAM, "")
     if found := shutil.which(named or "blender"):
-        return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python"]
+        is_python = Path(found).name.startswith("python")
+        words = ["--background", "--factory-startup", "--python-exit-code", "1", "--python"]
+        return [found, *([] if is_python else words)]
     if not named and find_spec("bpy"):
         return [sys.executable]
     raise DependencyError(
-        f"FBX needs Blender, and there is no {named or 'blender'!r}: pip install bpy, install the program"
-        f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path"
+        f"FBX needs Blender, and there is no {named or 'blender'!r}: pip install --no-deps bpy, install the program"
+        f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path or a Python with bpy"
     )
 
 

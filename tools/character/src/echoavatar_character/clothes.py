@@ -26,8 +26,9 @@ HEM, ANKLE = 1.035, 0.072
 GAP = 0.007  # metres between trousers and what is over or under them
 ARM_NAMES = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
 AXIS = -0.005  # of the trunk: its z
-TUCK = (0.14, 0.12)  # metres above the hem where a top comes out of the waistband, and over how many it does
+TUCK = (0.055, 0.04)  # metres above the hem where a top comes out of the waistband, and over how many it does
 MOST_TAKEN = 0.024  # metres that trousers are drawn in below a jacket, or hips stand out like a shelf
+FLARE = 0.010  # metres that the hem of a jacket stands farther out than its chest
 TAPER = 0.20  # metres above the hem over which cloth comes in to the waist
 
 
@@ -108,6 +109,8 @@ def top(body: Body, cloth: Surface) -> Surface:
     above = (places[:, 1] - HEM - 0.062) / 0.022
     loose = loose * (0.35 + 0.65 * edge) * (0.4 + 0.6 * near_neck)
     blouse = np.exp(-(above**2)) * (arm < 0.5) * (0.004 if own.tucked else 0.002)
+    if own.jacket:  # it stands off the waist, or hips stand out like a shelf
+        blouse += FLARE * np.clip((HEM + 0.12 - places[:, 1]) / 0.12, 0, 1) * (arm < 0.5)
     rim = np.zeros(len(places), bool)
     rim[border(piece.quads)] = True
     rim &= (arm < 0.5) & (places[:, 1] < HEM + 0.06) & (not own.tucked)
@@ -270,7 +273,7 @@ def tucked(inner: Surface, over: Surface, *, upwards: bool) -> Surface:
     share = (share / share.sum(1, keepdims=True))[..., None]
     which = near[which % len(near)]
     found, weights = (share * theirs[which][..., None]).sum(1)[:, 0], (share * over.weights[which]).sum(1)
-    deep = (2.1 if upwards else 2.8) * GAP + 0.4 * np.maximum(
+    deep = (2.1 if upwards else 2.0) * GAP + 0.4 * np.maximum(
         high if upwards else 0.012 - high, 0
     )  # or coarse levels come through
     taken = np.clip(radius - found + deep, 0, MOST_TAKEN if upwards else None)
@@ -311,7 +314,8 @@ def _draped(places: Points, arm: Field, body: Body, strength: float) -> Points:
         (heights, angles), hung / np.maximum(table, 1e-3), bounds_error=False, fill_value=1.0
     )
     share = np.clip((0.35 - arm) / 0.25, 0, 1) * np.clip((1.30 - places[:, 1]) / 0.08, 0, 1)
-    share = share * np.clip((places[:, 1] - HEM) / TAPER, 0, 1)
+    if not CUTS[body.person.cut].jacket:
+        share = share * np.clip((places[:, 1] - HEM) / TAPER, 0, 1)
     grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * strength
     out = places.copy()
     out[:, [0, 2]] = (places[:, [0, 2]] - middle[[0, 2]]) * grow[:, None] + middle[[0, 2]]

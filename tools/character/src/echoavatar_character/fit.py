@@ -23,7 +23,7 @@ PARENTS = HUMANOID.parents
 SOLE = 0.013  # metres between floor and foot: the sole of a shoe
 # Our rig has a long neck and high shoulders. The mesh's joints lie below ours by this much (metres), and collar bones
 # follow the mesh's slope by this share only, or a person would seem to shrug.
-LOWER = {"neck": 0.012, "head": 0.043, "leftUpperArm": 0.022, "rightUpperArm": 0.022}
+LOWER = {"neck": 0.012, "head": 0.043, "leftUpperArm": 0.029, "rightUpperArm": 0.029}
 COLLAR = 0.4
 HEAD_SIZE = 1.13
 

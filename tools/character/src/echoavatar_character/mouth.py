@@ -12,7 +12,7 @@ from .surface import Surface, between, make
 
 WIDTHS = (8.6, 6.6, 7.6, 7.0, 6.8, 9.5, 9.0)  # millimetres of the teeth of one side, from the middle
 PER_TOOTH = 4
-WHITE, GUM = np.array([1.0, 0.955, 0.87]), np.array([0.52, 0.20, 0.19])
+WHITE, GUM = np.array([0.93, 0.88, 0.79]), np.array([0.42, 0.15, 0.15])
 
 
 def teeth(body: Body, *, upper: bool) -> Surface:
@@ -52,9 +52,9 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         gap = 0.0006 * np.abs(phase) ** 6 * (v > 0.2) * (depth > -0.002)
         shift = depth - gap - 0.0010 - 0.0012 * from_middle
         rows.append(np.stack([place[:, 0] + out[:, 0] * shift, y, place[:, 1] + out[:, 1] * shift], 1))
-        dark = 1 - 0.22 * (np.abs(phase) ** 6 * (v > 0.2))
+        dark = 1 - 0.32 * (np.abs(phase) ** 6 * (v > 0.2))
         tone = (GUM + (WHITE - GUM) * white) * dark[:, None]
-        shade = (1 if upper else 0.86) * (0.65 if depth < -0.002 else 1)  # the lip is above the lower row
+        shade = (1 if upper else 0.86) * (0.35 if depth < -0.002 else 1)  # the lip is above the lower row
         tints.append(tone * (1 - 0.62 * from_middle[:, None] ** 1.6) * shade)
     points, count = np.concatenate(rows), len(share)
     quads = between(len(rows), count)[:, [0, 3, 2, 1]]

@@ -24,7 +24,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import MOODS
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk, join
-from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
 
 from .pose import DOWN, Turns, posed
@@ -33,7 +33,7 @@ Picture = UInt8[np.ndarray, "h w 3"]
 Curves = Float[np.ndarray, "t 52"]
 QUALITY = 72
 SECONDS = 12  # of the shipped sounds
-BEGIN = 4  # chunks before an action
+BEGIN, LONG = 32, 120  # frames before an action, and of its session
 ACTIONS = ("wave", "thinking", "point_left", "clap", "give_up", "angry", "happy")
 VIEWS_OF: dict[str, View] = {"thinking": "bust", "clap": "bust"}
 RAISED: Turns = {"leftShoulder": (0, 0, 0.35), "rightShoulder": (0, 0, -0.35)}  # as shoulders do when arms are high
@@ -146,9 +146,9 @@ def acted() -> dict[str, tuple[Motion, Curves]]:
     engine = Engine(pipeline, seats=len(ACTIONS), rewind=0, workers=0)
     sessions = {name: engine.open(seed=3) for name in ACTIONS}
     made: dict[str, list[MotionChunk]] = {name: [] for name in ACTIONS}
-    for number in range(BEGIN + 11):
+    for frame in range(0, LONG, pipeline.chunk.frames):
         for name, session in sessions.items():
-            if number == BEGIN:
+            if frame == BEGIN:
                 session.act(name)
             session.push(np.zeros(pipeline.chunk.samples, np.float32))
         engine.tick()
@@ -165,7 +165,7 @@ def actions_sheet(character: Character) -> Picture:
     """A row for each of `ACTIONS`: six moments of what a session shows."""
     cells = []
     for name, (motion, face) in acted().items():
-        first, last = (BEGIN * CHUNK.frames + round(time * FRAME_RATE_HZ) for time in SCRIPTS[name].hold)
+        first, last = (BEGIN + round(time * FRAME_RATE_HZ) for time in SCRIPTS[name].hold)
         frames = np.linspace(first - 8, last, 6).round().astype(int).tolist()
         cells += stills(character, motion, face, frames, VIEWS_OF.get(name, "front"))
     return grid(cells, 6)
