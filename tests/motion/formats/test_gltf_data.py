@@ -122,8 +122,10 @@ def test_a_gltf_is_read_with_its_parts_and_written_as_one(tmp_path: Path, plain:
         lambda text: re.sub("(?<=base64,)[^\"]+", lambda found: found[0].replace("A", "A\\n", 3), text),
         lambda text: text.replace('"scale": ', '"mesh": null, "skin": -1, "children": null, "scale": ', 1),
         lambda text: json.dumps(_with_nulls(json.loads(text))),
+        lambda text: text.replace("rper.bin", "RPER.BIN"),
+        lambda text: f"{text}\0\0\n",
     ],
-    ids=["backslash", "no padding", "capitals", "URL-safe", "lines", "nothing", "nulls"],
+    ids=["backslash", "no padding", "capitals", "URL-safe", "lines", "nothing", "nulls", "another case", "NUL behind"],
 )  # fmt: skip
 def test_a_gltf_may_be_written_loosely(tmp_path: Path, plain: Skinned, written: Callable[[str], str]) -> None:
     path = in_parts(long_armed(), tmp_path / "in")
@@ -131,6 +133,14 @@ def test_a_gltf_may_be_written_loosely(tmp_path: Path, plain: Skinned, written: 
     changed = written(text)
     assert changed != text
     path.write_text(changed, "utf-8")
+    np.testing.assert_allclose(read_skinned(path).vertices, plain.vertices, atol=1e-6)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "cp1252"])
+def test_the_text_of_a_gltf_may_have_any_encoding(tmp_path: Path, plain: Skinned, encoding: str) -> None:
+    path = in_parts(long_armed(), tmp_path / "in")
+    document = json.loads(path.read_text("utf-8")) | {"extras": "Größe"}
+    path.write_bytes(json.dumps(document, ensure_ascii=False).encode(encoding))
     np.testing.assert_allclose(read_skinned(path).vertices, plain.vertices, atol=1e-6)
 
 

@@ -13,6 +13,7 @@ from echoavatar.json_reader import read_object_file
 from ..kinematics.rigs import BONES, UnknownRigError, known_bones
 from .bvh import read_bvh
 from .gltf_rig import read_gltf_rig
+from .kinds import BVH, kind_of
 
 
 def read_map(path: Path | None) -> dict[str, str | None] | None:
@@ -49,7 +50,7 @@ def map_of(path: Path) -> dict[str, str | None]:
     """
     found: Mapping[str, str]
     try:
-        rig = read_bvh(path).skeleton if path.suffix.lower() == ".bvh" else read_gltf_rig(path).skeleton
+        rig = read_bvh(path).skeleton if kind_of(path) == BVH else read_gltf_rig(path).skeleton
         found = {bone: rig.names[joint] for bone, joint in known_bones(rig).items()}
     except UnknownRigError as error:
         found = error.found

@@ -9,7 +9,10 @@ metres. Matrices (t, j, 3, 3) are read as well. Hand poses are absolute, as MoSh
 """
 
 import logging
+import math
+import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +45,7 @@ _PARTS = {  # the first joint of the rig, and how many
     "pose_hand": (25, 30),
 }
 _PLACES = ("trans", "transl", "smpl_trans", "translation")
-_RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
+_RATE = re.compile("fps|frame_?rate", re.IGNORECASE)  # in the name of an array
 _ASSUMED_HZ = 30.0
 _UPRIGHT = 0.6  # least height of the mean direction of the spine
 _BODY = (  # name:VRM bone; each hangs from what its bone hangs from
@@ -94,68 +97,100 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
-    poses, found = _poses(path, stored), _first(path, stored, _PLACES)
-    trans = np.zeros((len(poses), 3)) if found is None else found
-    if (scale := _first(path, stored, ("smpl_scaling",))) is not None:  # AIST++
+    notes = list[str]()
+    poses, found = _poses(path, stored, notes), _first(stored, _PLACES)
+    trans = np.zeros((1, 3)) if found is None else np.asarray(found, np.float64)
+    if (scale := _first(stored, ("smpl_scaling",))) is not None:  # AIST++
         trans = trans / scale
-    if trans.shape != (len(poses), 3):
+    if trans.size not in (3, 3 * len(poses)) or trans.shape[-1] != 3:
         raise MotionError(f"{path}: {len(poses)} poses and trans {trans.shape}; give a place (t, 3) for each pose")
+    trans = np.broadcast_to(trans.reshape(-1, 3), (len(poses), 3))
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
         bad = int(np.flatnonzero(~(np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)))[0])
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
-    rate = _first(path, stored, _RATES)
-    fps = _ASSUMED_HZ if rate is None or rate.size != 1 else rate.item()
+    if np.median(np.abs(poses).max((1, 2))) > 2 * np.pi:
+        poses = np.radians(poses)
+        notes.append("its angles are taken for degrees")
+    fps = _rate(stored)
+    if fps is None:
+        fps = _ASSUMED_HZ
+        notes.append(f"it has no frame rate, and {fps:g} frames per second are assumed")
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
     rig = rig or skeleton()
     rotations = quaternion_from_axis_angle(poses).astype(np.float32)
     motion = Motion(rig, rotations, trans.astype(np.float32), fps)
-    stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+    try:
+        stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
     motion = righted(motion, stand)
     spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
     if spine[1] < _UPRIGHT:
         raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
-    notes = stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if found is None else [])
-    notes += [f"it has no frame rate, and {fps:g} frames per second are assumed"] if rate is None else []
+    notes += stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if found is None else [])
     if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
     return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0], fps))
 
 
-def _first(path: Path, stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
-    return next((_numbers(path, stored[name]) for name in names if name in stored), None)
+def _first(stored: Mapping[str, np.ndarray], names: Collection[str]) -> np.ndarray | None:
+    return next((stored[name] for name in names if name in stored), None)
 
 
-def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
-    """The array in double precision, if its file has room for as many poses."""
-    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)
+def _rate(stored: Mapping[str, np.ndarray]) -> float | None:
+    for name in filter(_RATE.search, stored):
+        with suppress(ValueError):  # no number, or several
+            (rate,) = np.unique(np.asarray(stored[name], np.float64))
+            return float(rate)
+    return None
+
+
+def _turns(path: Path, name: str, array: np.ndarray, joints: Collection[int]) -> Float[np.ndarray, "t j 3"]:
+    """The axis angles of one of these numbers of joints in each frame, from axis angles or matrices.
+
+    They may be flat or not; there may be a single frame, or an axis for a single body.
+    """
+    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # what its file has room for
     if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
         raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
-    numbers = np.asarray(array, np.float64)
-    if numbers.ndim < 3 or numbers.shape[-2:] != (3, 3):
-        return numbers
-    return axis_angle_from_quaternion(quaternion_from_matrix(numbers))
+    sizes = {width * count: width for count in joints for width in (3, 9)}
+    fewest = 2 if array.ndim > 2 and array.shape[-2:] == (3, 3) else 1
+    for axes in range(fewest, 4):  # that make a frame
+        size, others = math.prod(array.shape[-axes:]), array.shape[:-axes]
+        if size in sizes and max(others, default=1) == math.prod(others) > 0:
+            turns = np.asarray(array, np.float64).reshape(math.prod(others), -1, sizes[size])
+            if sizes[size] == 3:
+                return turns
+            return axis_angle_from_quaternion(quaternion_from_matrix(turns.reshape(len(turns), -1, 3, 3)))
+    flat = " or ".join(f"(t, {3 * count})" for count in joints)
+    raise MotionError(f"{path}: {name} {array.shape}; SMPL has axis angles {flat}, or matrices; convert it")
 
 
-def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:
-    given = _first(path, stored, _POSES)
-    if given is not None:
-        flat = given.reshape(len(given), -1) if given.ndim > 1 and given.size else np.zeros((1, 1))
-        joints = _JOINTS.get(flat.shape[1] // 3) if flat.shape[1] % 3 == 0 else None
-        if joints is None:
-            raise MotionError(f"{path}: poses {given.shape}; SMPL has (t, 72), SMPL-H (t, 156), and SMPL-X (t, 165)")
-        whole = np.zeros((len(flat), 55, 3))
-        whole[:, list(joints)] = flat.reshape(len(flat), -1, 3)[:, : len(joints)]
-        return whole
-    parts = {name: _numbers(path, stored[name]) for name in _PARTS if name in stored}
-    frames = max(map(len, parts.values()))
-    whole = np.zeros((frames, 55, 3))
-    for name, part in parts.items():
+def _poses(path: Path, stored: Mapping[str, np.ndarray], notes: list[str]) -> Float[np.ndarray, "t 55 3"]:
+    for name in _POSES:
+        if name in stored:
+            turns = _turns(path, name, stored[name], _JOINTS)
+            joints = _JOINTS[turns.shape[1]]
+            whole = np.zeros((len(turns), 55, 3))
+            whole[:, list(joints)] = turns[:, : len(joints)]
+            return whole
+    parts = dict[str, Float[np.ndarray, "t j 3"]]()
+    for name, (first, count) in _PARTS.items():
+        if name in stored:
+            try:
+                counts = (count, count + 2) if first == 1 else (count,)  # SMPL's body has two joints more, which rest
+                parts[name] = _turns(path, name, stored[name], counts)[:, :count]
+            except MotionError:
+                if first < 2:
+                    raise
+                notes.append(f"its {name} {stored[name].shape} is left out (it may be weights of a hand model)")
+    whole = np.zeros((max(map(len, parts.values())), 55, 3))
+    for name, turns in parts.items():
+        if len(turns) not in (1, len(whole)):
+            raise MotionError(f"{path}: {name} has {len(turns)} frames of {len(whole)}; give as many of each")
         first, count = _PARTS[name]
-        if part.size >= 3 * count * frames > 0 and len(part) == frames:  # fewer: weights of a hand model
-            whole[:, first : first + count] = part.reshape(frames, -1, 3)[:, :count]
-        elif first < 2:
-            raise MotionError(f"{path}: {name} {part.shape}; SMPL has (t, {3 * count}) for {frames} frames")
+        whole[:, first : first + count] = turns
     return whole
 
 

@@ -158,6 +158,8 @@ def array_of(data: bytes) -> np.ndarray:
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise ValueError("it holds objects of Python; save plain arrays")
     if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
         raise ValueError(f"the header says {shape}, and there is less")
     if dtype.kind in "SU" and math.prod(shape) > TEXTS:  # each becomes an object of Python

@@ -5,7 +5,8 @@ The paper's motion tokenizer splits the body into three anatomical parts: lower 
 
 import math
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -216,6 +217,18 @@ def _humanoid() -> SkeletonConfig:
         tips=_TIPS | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
         vrm={name: i for i, name in enumerate(names)},
     )
+
+
+def numbered(names: Iterable[str]) -> list[str]:
+    """The names, each once: those that come again get a number."""
+    found, again = dict[str, None](), Counter[str]()
+    for name in names:
+        new = name
+        while new in found:
+            again[name] += 1
+            new = f"{name}_{again[name] + 1}"
+        found[new] = None
+    return list(found)
 
 
 def other_side(bone: str) -> str:

@@ -1,0 +1,74 @@
+"""A file of motion or of a character is known by its content."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.files.exports.bodies import offsets_of
+from tests.files.exports.odd import Odd, glb
+from tests.motion.kinematics.samples import swaying
+
+from echoavatar.errors import MotionError
+from echoavatar.files.exports import read_rig, read_take
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.joint_map import map_of
+from echoavatar.motion.formats.kinds import BVH, GLTF, NPZ, kind_of
+
+HEADS = [
+    (b"HIERARCHY\nROOT a", BVH),
+    (b"\xef\xbb\xbf \r\nhierarchy\n", BVH),
+    (b"# made by hand\n// twice\nHIERARCHY", BVH),
+    ("HIERARCHY\n".encode("utf-16"), BVH),
+    ("HIERARCHY\n".encode("utf-16-be"), BVH),
+    (b"glTF\2\0\0\0", GLTF),
+    (b'\n {"asset": {}}', GLTF),
+    (b"PK\3\4", NPZ),
+]
+
+
+@pytest.mark.parametrize(("head", "kind"), HEADS)
+@pytest.mark.parametrize("name", ["a", "a.txt", "a.fbx", "a.bvh", "a.glb", "a.npz"])
+def test_the_content_counts_and_not_the_name(head: bytes, kind: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(head)
+    assert kind_of(tmp_path / name) == kind
+
+
+def test_without_a_sign_in_the_content_the_name_counts(tmp_path: Path) -> None:
+    (tmp_path / "A.BVH").write_bytes(b"")
+    assert kind_of(tmp_path / "A.BVH") == BVH
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"Kaydara FBX Binary  \0", "FBX"),
+        (b"; FBX 7.4.0 project file", "FBX"),
+        (b"Vocaloid Motion Data 0002", "VMD"),
+        (b"\x93NUMPY\1\0", "a NumPy array without a name"),
+        (b"\x80\4\x95", "a pickle"),
+        (b"version https://git-lfs.github.com/spec/v1", "a pointer of Git LFS"),
+        (b"Timestamp,Hips", "no motion or character"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_take, read_rig, map_of])
+def test_other_files_are_named_with_the_remedy(content, what, read, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "a.file").write_bytes(content)
+    with pytest.raises(MotionError, match=rf"a\.file is {what}.*; convert it to \.bvh or \.glb"):
+        read(tmp_path / "a.file")
+
+
+def test_what_is_missing_or_no_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="does not exist; check the name"):
+        kind_of(tmp_path / "none.bvh")
+    with pytest.raises(MotionError, match="not a regular file"):
+        kind_of(tmp_path)
+
+
+def test_every_reader_of_bodies_goes_by_it(tmp_path: Path) -> None:
+    person = swaying(2)
+    write_bvh(tmp_path / "a.txt", person.skeleton, person.rotations, person.root, 30)
+    (tmp_path / "b.txt").write_bytes(glb(Odd(offsets_of(body=0.9, legs=1.1, arms=1.2))))
+    assert read_take(tmp_path / "a.txt").motion.frames == 2
+    for name in ("a.txt", "b.txt"):
+        assert map_of(tmp_path / name)["leftHand"]
+        assert np.isfinite(read_rig(tmp_path / name).skeleton.rest_positions).all()
