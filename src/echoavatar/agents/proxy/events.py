@@ -111,6 +111,8 @@ def audio_format(session: Any, direction: str) -> Format | None:
     rate = next((found for place, key in places if (found := inside(place, key)) is not None), None)
     if not isinstance(kind, str):
         kind = "pcm" if rate is not None else ""
+    if (channels := _number(inside(form, "channels")) or 1) > 1:
+        kind += f";channels={channels:.0f}"
     return named_format(kind, rate) if kind else None
 
 
