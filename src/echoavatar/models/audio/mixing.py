@@ -64,7 +64,7 @@ class _Sums:
         self._sum, self._products = np.zeros(channels), np.zeros((channels, channels))
         self.cancelled = 0.0  # energy where channels go against each other
         self.energies, self.counts = np.zeros(len(_LEVELS_DB)), np.zeros(len(_LEVELS_DB))  # by level
-        self._levels = np.zeros((len(_LEVELS_DB), channels))  # samples of each channel, by level
+        self.levels = np.zeros((len(_LEVELS_DB), channels))  # samples of each channel, by level
 
     def add(self, samples: Float[np.ndarray, "s c"]) -> None:
         x = samples.astype(np.float64)
@@ -81,7 +81,7 @@ class _Sums:
         if here.sum() < _CANCELLED / len(powers) * np.sqrt(powers).sum() ** 2:
             self.cancelled += best
         bins = np.clip(10 * np.log10(powers / len(x) + 1e-20) - _LEVELS_DB[0], 0, len(_LEVELS_DB) - 1).astype(int)
-        self._levels[bins, np.arange(len(bins))] += len(x)
+        self.levels[bins, np.arange(len(bins))] += len(x)
         self.energies[bins.max()] += best
         self.counts[bins.max()] += len(x)
 
@@ -92,11 +92,6 @@ class _Sums:
     @property
     def covariance(self) -> Float[np.ndarray, "c c"]:
         return self._products / max(self.count, 1) - np.outer(self.mean, self.mean)
-
-    @property
-    def spreads(self) -> Float[np.ndarray, " c"]:
-        """How far the level of each channel varies, dB."""
-        return np.array([_level_at(channel, 0.9) - _level_at(channel, 0.1) for channel in self._levels.T])
 
     @property
     def power(self) -> float:
@@ -170,9 +165,10 @@ def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c
     covariance, count = sums.covariance, len(form.channels)
     is_heard = ~np.isin(form.channels, _RUMBLE)
     is_heard |= not np.diag(covariance)[is_heard].any()
+    spreads = np.array([_level_at(channel, 0.9) - _level_at(channel, 0.1) for channel in sums.levels.T])
     is_loud = is_heard & (np.diag(covariance) > _LOUD_SHARE * np.diag(covariance)[is_heard].max())
-    is_steady = is_loud & (sums.spreads < _TONE_DB)
-    if is_steady.any() and (sums.spreads[is_loud] > _STEADY_DB).any():
+    is_steady = is_loud & (spreads < _TONE_DB)
+    if is_steady.any() and (spreads[is_loud] > _STEADY_DB).any():
         notes.append("a channel of an even sound, such as time code or hum, is left out")
         is_heard &= ~is_steady
     powers = np.where(is_heard, np.diag(covariance), 0)

@@ -33,6 +33,7 @@ from echoavatar.limits import (
     STILL_ROTATIONS,
     check_file,
     decoded,
+    readable,
 )
 
 from ..kinematics.motion import Motion, usual_rate
@@ -124,13 +125,9 @@ class _TextError(Exception):
 
 def _text(path: Path, notes: list[str]) -> str:
     """The text of a file with plain line ends and without comments."""
-    try:
+    with readable(path, MotionError):
         check_file(path, BVH_BYTES, MotionError)
         text, encoding = decoded(path.read_bytes())
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
-    except OSError as error:
-        raise MotionError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
     if encoding != "utf-8-sig":
         notes.append(f"its text is taken for {encoding}")
     text = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\0\x1a \t\n")

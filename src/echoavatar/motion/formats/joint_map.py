@@ -9,6 +9,7 @@ from pathlib import Path
 
 from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object_file
+from echoavatar.limits import readable
 
 from ..kinematics.rigs import BONES, UnknownRigError, known_bones
 from .bvh import read_bvh
@@ -23,10 +24,8 @@ def read_map(path: Path | None) -> dict[str, str | None] | None:
     """
     if path is None:
         return None
-    try:
+    with readable(path, MotionError):
         given = read_object_file(path, error=MotionError)
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
     joints: dict[str, str] = {}
     for bone, joint in given.items():
         if bone not in BONES:

@@ -12,7 +12,6 @@ import logging
 import math
 import re
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -108,10 +107,9 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     if np.median(np.abs(poses).max((1, 2))) > 2 * np.pi:
         poses = np.radians(poses)
         notes.append("its angles are taken for degrees")
-    fps = _rate(stored)
-    if fps is None:
-        fps = _ASSUMED_HZ
-        notes.append(f"it has no frame rate, and {fps:g} frames per second are assumed")
+    rates = [rate for name in stored if _RATE.search(name) and (rate := np.unique(stored[name])).size == 1]
+    fps = float(rates[0][0]) if rates else _ASSUMED_HZ
+    notes += [] if rates else [f"it has no frame rate, and {fps:g} frames per second are assumed"]
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
     rig = rig or skeleton()
@@ -129,14 +127,6 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
     return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0], fps))
-
-
-def _rate(stored: Mapping[str, np.ndarray]) -> float | None:
-    for name in filter(_RATE.search, stored):
-        with suppress(ValueError):  # no number, or several
-            (rate,) = np.unique(np.asarray(stored[name], np.float64))
-            return float(rate)
-    return None
 
 
 def _turns(path: Path, name: str, array: np.ndarray, layout: _Layout) -> Float[np.ndarray, "t j 3"]:
