@@ -47,6 +47,21 @@ def test_base64_of_any_dialect_is_sound(field: object, data: bytes | None) -> No
     assert sound(field) == data
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"type":"x","item_id":"i","score":NaN}',
+        '{"type":"x","item_id":"i","score":[-Infinity]}',
+        '\ufeff{"type":"x","item_id":"i"}\n',
+    ],
+)
+def test_json_as_some_servers_write_it(text: str) -> None:
+    for message in (text, text.encode()):
+        event = read(message)
+        assert event is not None
+        assert (event.type, event.item_id) == ("x", "i")
+
+
 def test_fields_of_another_type_are_read_as_far_as_they_can_be() -> None:
     event = read(
         '{"type":"x","item_id":4,"response_id":["r"],"content_index":"1","output_index":null,"audio_end_ms":"9"}'

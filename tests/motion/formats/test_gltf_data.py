@@ -148,7 +148,8 @@ def _with_nulls(document: dict[str, Any]) -> dict[str, Any]:
     keys = ("children", "mesh", "skin", "matrix", "rotation", "scale", "translation", "camera")
     for entry in document["nodes"]:
         entry |= {key: None for key in keys if key not in entry}
-    return document
+    absent = {"animations": None, "cameras": None, "extensions": {"VRM": None, "VRMC_vrm": None}}
+    return absent | document
 
 
 @pytest.mark.parametrize(

@@ -86,3 +86,4 @@ def test_names_that_come_again_are_numbered():
     assert numbered(["a", "b", "a", "a_2", "a"]) == ["a", "b", "a_2", "a_2_2", "a_3"]
     names = numbered(["x"] * 30_000)
     assert len(set(names)) == len(names)
+    assert numbered(["a\nb", "x" * 300 + "|Hips", "a\nb"]) == ["a_b", "x" * 235 + "|Hips", "a_b_2"]

@@ -76,11 +76,19 @@ def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
                 raise struct.error
             file.seek(28 + length)
             first = file.read()
-        return _joined(path, read_object(text, f"the JSON in {path}", most=GLTF_BYTES, error=MotionError), first)
+        document = read_object(text, f"the JSON in {path}", most=GLTF_BYTES, error=MotionError)
+        return _joined(path, _present(document) if "null" in text else document, first)
     except struct.error as error:
         raise MotionError(f"{path} is not binary glTF 2.0; export the character as .glb or .vrm") from error
     except OSError as error:
         raise MotionError(f"{path} cannot be read; check the name") from error
+
+
+def _present(value: Any) -> Any:
+    """A value of JSON without what some programs write as null."""
+    if isinstance(value, dict):
+        return {key: _present(inner) for key, inner in value.items() if inner is not None}
+    return [_present(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[str, Any], Binary]:

@@ -70,8 +70,8 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
 
 def _read(path: Path, given: JointMap | None) -> GltfRig:
     document, binary = read_chunks(path)
-    # some programs write what is not there
-    document["nodes"] = [{k: v for k, v in node.items() if v not in (None, -1)} for node in document["nodes"]]
+    # some programs write -1 for what is not there
+    document["nodes"] = [{k: v for k, v in node.items() if v != -1} for node in document["nodes"]]
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
     order, bones, names = _rig(document, parents, worlds, path, given)

@@ -18,7 +18,9 @@ from pydantic import Field, model_validator
 from echoavatar.config import Config
 from echoavatar.limits import JOINTS
 
-_NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")  # it becomes part of a line in BVH and CSV
+_NO_NAME = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # a name becomes part of a line in BVH and CSV
+_NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")
+NAME_LETTERS = 240  # of a name that is read; numbers come behind
 
 
 class SkeletonConfig(Config):
@@ -220,10 +222,10 @@ def _humanoid() -> SkeletonConfig:
 
 
 def numbered(names: Iterable[str]) -> list[str]:
-    """The names, each once: those that come again get a number."""
+    """The names on one line each, the ends of long ones, each once: those that come again get a number."""
     found, again = dict[str, None](), Counter[str]()
-    for name in names:
-        new = name
+    for written in names:
+        new = name = _NO_NAME.sub("_", written)[-NAME_LETTERS:]
         while new in found:
             again[name] += 1
             new = f"{name}_{again[name] + 1}"
