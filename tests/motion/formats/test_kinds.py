@@ -1,5 +1,6 @@
 """A file of motion or of a character is known by its content."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -38,21 +39,24 @@ def test_without_a_sign_in_the_content_the_name_counts(tmp_path: Path) -> None:
     assert kind_of(tmp_path / "A.BVH") == BVH
 
 
-@pytest.mark.parametrize(
-    "content", [b"Kaydara FBX Binary  \0", b"\x93NUMPY\1\0", b"\x80\4\x95", b"Timestamp,Hips", b""]
-)
-@pytest.mark.parametrize("read", [read_take, read_rig, map_of])
-def test_other_files_are_named_with_the_remedy(content, read, tmp_path) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize("content", [b"Kaydara FBX Binary  \0", b"\x93NUMPY\1\0", b"\x80\4\x95", b"Timestamp,Hips"])
+def test_other_files_are_named_with_the_remedy(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_bytes(content)
-    with pytest.raises(MotionError, match=r"a\.fbx is neither BVH nor glTF nor NPZ; convert it, .*in Blender"):
-        read(tmp_path / "a.fbx")
+    assert not kind_of(tmp_path / "a.fbx")
+    with pytest.raises(MotionError, match=r"a\.fbx is neither .npz nor .bvh nor .glb; convert it, .*in Blender"):
+        read_take(tmp_path / "a.fbx")
+    with pytest.raises(MotionError, match=r"a\.fbx is not a rig: convert it to a .*\.glb.*\.bvh"):
+        read_rig(tmp_path / "a.fbx")
+    with pytest.raises(MotionError, match=r"a\.fbx is not binary glTF"):
+        map_of(tmp_path / "a.fbx")
 
 
-def test_what_is_missing_or_no_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MotionError, match="does not exist; check the name"):
-        kind_of(tmp_path / "none.bvh")
-    with pytest.raises(MotionError, match="not a regular file"):
-        kind_of(tmp_path)
+def test_what_is_missing_or_no_file_is_left_to_its_reader(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.bvh")
+    for name, said in (("none.bvh", "not exist"), ("none.npz", "not exist"), ("pipe.bvh", "not a regular file")):
+        with pytest.raises(MotionError, match=said):
+            read_take(tmp_path / name)
+    assert kind_of(tmp_path / ("x" * 300 + ".glb")) == GLTF
 
 
 def test_every_reader_of_bodies_goes_by_it(tmp_path: Path) -> None:

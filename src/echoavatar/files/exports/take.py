@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import readable
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.kinds import BVH, GLTF, kind_of
+from echoavatar.motion.formats.kinds import BVH, GLTF, NPZ, kind_of
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.motion import frame_ratio, resample
@@ -61,10 +62,12 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
         return Take(read_gltf_clip(path, animation, given))
     if given is not None:
         raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
+    if kind != NPZ:
+        raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; convert it, for example to .glb in Blender")
     from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 
     try:
-        with NpzArrays(path, MotionError) as packed:
+        with readable(path, MotionError), NpzArrays(path, MotionError) as packed:
             if is_smpl(packed):
                 return Take(smpl_motion(path, packed))
             if not packed.keys() & {"names", "skeleton"}:

@@ -197,7 +197,7 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
         rig = Rig(path, gltf.skeleton, gltf)
         return replace(rig, skeleton=_standing(path, gltf.skeleton, skinned(gltf) if rig.has_mesh else None))
     if kind != BVH:
-        raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
+        raise MotionError(f"{path} is not a rig: convert it to a character (.glb, .vrm) or a skeleton (.bvh)")
     motion, stand = read_standing(path, given)
     config = motion.skeleton.config
     try:

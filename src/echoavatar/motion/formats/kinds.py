@@ -1,10 +1,8 @@
 """What a file of motion or of a character is: its content tells, whatever it is called."""
 
 import re
+from contextlib import suppress
 from pathlib import Path
-
-from echoavatar.errors import MotionError
-from echoavatar.limits import check_file, readable
 
 BVH, GLTF, NPZ = "BVH", "glTF", "NPZ"
 _SUFFIXES = {".bvh": BVH, ".npz": NPZ, **dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), GLTF)}
@@ -18,17 +16,15 @@ _HEAD_BYTES = 1 << 16
 
 
 def kind_of(path: Path) -> str:
-    """`BVH`, `GLTF` or `NPZ`; where the content is none of them, what the suffix says, whose reader says what is wrong.
+    """`BVH`, `GLTF` or `NPZ` by the content, or else by the suffix; "" where neither is known.
 
-    Raises MotionError: the file is missing or no regular file, or neither content nor suffix is known.
+    The reader of that kind says what is wrong with a file that is missing, damaged or none.
     """
-    with readable(path, MotionError):
-        check_file(path, 1 << 40, MotionError)
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
+    head = b""
+    with suppress(OSError, ValueError):
+        if path.is_file():
+            with path.open("rb") as file:
+                head = file.read(_HEAD_BYTES)
     begin = _MARKS.sub(b"", head).lstrip()
     by_content = (kind for pattern, kind in _BEGINS.items() if re.match(pattern, begin))
-    kind = next(by_content, _SUFFIXES.get(path.suffix.lower()))
-    if kind is None:
-        raise MotionError(f"{path} is neither BVH nor glTF nor NPZ; convert it, for example to .glb in Blender")
-    return kind
+    return next(by_content, _SUFFIXES.get(path.suffix.lower(), ""))
