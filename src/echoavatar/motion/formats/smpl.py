@@ -29,7 +29,7 @@ from ..kinematics.upright import of_clip, righted
 _log = logging.getLogger(__name__)
 _Layout = Mapping[int, Collection[int]]  # the joints of the rig that an array has, by their count
 _BODY_LAYOUT: _Layout = dict.fromkeys((21, 23), range(1, 22))  # SMPL has two more, which rest
-_WHOLE: _Layout = {22: range(22), 24: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}
+_WHOLE: _Layout = {24: range(22), 22: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}
 _LAYOUTS: Mapping[str, _Layout] = {
     **dict.fromkeys(("poses", "smpl_poses", "fullpose", "full_pose", "pose"), _WHOLE),
     **dict.fromkeys(("global_orient", "root_orient"), {1: range(1)}),
@@ -146,7 +146,7 @@ def _turns(path: Path, name: str, array: np.ndarray, layout: _Layout) -> Float[n
             matrices = turns.reshape(len(turns), -1, 3, 3) if widths[size] == 9 else None
             return turns if matrices is None else axis_angle_from_quaternion(quaternion_from_matrix(matrices))
     flat = ", ".join(f"(t, {3 * count})" for count in layout)
-    raise MotionError(f"{path}: {name} {array.shape}; SMPL has axis angles {flat}, or matrices; convert it")
+    raise MotionError(f"{path}: {name} {array.shape}; SMPL has {flat} of axis angles, or matrices; convert it")
 
 
 def _poses(path: Path, stored: Mapping[str, np.ndarray], notes: list[str]) -> Float[np.ndarray, "t 55 3"]:

@@ -84,7 +84,7 @@ def parse_address(text: str) -> Address:
     if unknown := sorted(set(options) - set(known)):
         choice = f"only {', '.join(known)}" if known else "no options"
         raise EchoAvatarError(f"sink {text!r} has no option {unknown[0]!r}; {parts.scheme} has {choice}")
-    return Address(parts.scheme, parts.hostname, parts.port or PORTS[parts.scheme], options)
+    return Address(parts.scheme, parts.hostname or "", parts.port or PORTS[parts.scheme], options)
 
 
 def check_address(text: str) -> None:
