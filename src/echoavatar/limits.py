@@ -7,7 +7,8 @@ the file itself states. Uses only `errors`.
 import os
 import re
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import EchoAvatarError
@@ -63,6 +64,17 @@ def check_file(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvat
     except (OSError, ValueError) as reason:
         raise error(f"{path} cannot be read ({reason}); check the name and its permissions") from reason
     _check(path, found, largest, error)
+
+
+@contextmanager
+def readable(path: Path | str, error: type[EchoAvatarError] = EchoAvatarError) -> Iterator[None]:
+    """A context in which a file that is missing, or that the system does not open, is an error of the given kind."""
+    try:
+        yield
+    except FileNotFoundError as reason:
+        raise error(f"{path} does not exist; check the name") from reason
+    except OSError as reason:
+        raise error(f"{path} cannot be read ({reason.strerror or reason}); check its permissions") from reason
 
 
 def read_bytes(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvatarError) -> bytes:

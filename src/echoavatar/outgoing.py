@@ -298,13 +298,18 @@ def origin(url: str) -> tuple[str, str, int]:
     return parts.scheme, parts.hostname or "", parts.port or {"http": 80, "https": 443}[parts.scheme]
 
 
-def _web_address(url: str) -> SplitResult:
-    try:
+def address_parts(url: str, *schemes: str) -> SplitResult | None:
+    """The parts of an address of one of these schemes; None for others, and where host or port cannot be."""
+    with suppress(ValueError):
         parts = urlsplit(url)
-        is_one = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        is_one = False
-    if not is_one:
+        if parts.scheme in schemes and parts.hostname and parts.hostname.encode("idna") and parts.port != 0:
+            return parts
+    return None
+
+
+def _web_address(url: str) -> SplitResult:
+    parts = address_parts(url, "http", "https")
+    if parts is None:
         raise EchoAvatarError(f"{redacted(url)!r} is not a web address; give one that begins with https:// or http://")
     if "@" in parts.netloc:
         raise EchoAvatarError(f"{redacted(url)} holds a user or password; leave it out and give the key by itself")

@@ -24,6 +24,13 @@ A = {0xD5: 8, 0x55: -8, 0xAA: 32_256, 0x2A: -32_256, 0xC5: 264}
         ("pcm_mulaw", None, ("ulaw", 8_000)),
         ("g711_alaw", [8_000], ("alaw", 8_000)),
         ("pcm_f32le", None, ("pcm_f32le", 8_000)),
+        ("raw-16khz-16bit-mono-pcm", None, ("pcm", 16_000)),
+        ("raw-22.05khz-16bit-mono-pcm", None, ("pcm", 22_050)),
+        ("raw-8khz-8bit-mono-mulaw", None, ("ulaw", 8_000)),
+        ("pcm_48k", None, ("pcm", 48_000)),
+        ("audio/L16; rate=16000; channels=1", None, ("pcm", 16_000)),
+        ("audio/L16;rate=48000;channels=2", None, ("audio/l16;rate=48000;channels=2", 48_000)),
+        ("audio-24khz-16bit-stereo-pcm", None, ("audio-24khz-16bit-stereo-pcm", 24_000)),
         ("mp3_44100_128", None, ("mp3_44100_128", 44_100)),
     ],
 )

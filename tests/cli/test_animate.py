@@ -255,6 +255,14 @@ def test_sound_comes_from_standard_input(
     assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
+def test_empty_standard_input_is_named(
+    tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO()))
+    assert run(Path("-"), tmp_path / "a.bvh", tiny_bundle) == 1
+    assert "echoavatar: standard input is empty (0 bytes)" in capsys.readouterr().err
+
+
 def test_endless_standard_input_is_refused(
     tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

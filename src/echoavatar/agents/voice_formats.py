@@ -23,15 +23,18 @@ _FILES = (b"RIFF", b"OggS", b"ID3", b"fLaC", b"\x1aE\xdf\xa3")  # how files begi
 
 
 def named_format(name: str, rate: object = None) -> Format:
-    """The format of a name such as `pcm16`, `pcm16_8000hz`, `audio/pcmu` or `ulaw_8000`.
+    """The format of a name such as `pcm16`, `pcm16_8000hz`, `audio/pcmu`, `ulaw_8000` or `raw-16khz-16bit-mono-pcm`.
 
-    `rate` counts before one in the name. Without any, telephone codes have 8,000 and PCM has 24,000.
+    `rate` counts before one in the name. Without any, telephone codes have 8,000 and PCM has 24,000. Several channels
+    are not readable.
     """
     low = name.lower()
     kind = next((kind for kind, parts in _NAMES.items() if any(part in low for part in parts)), "") or low
-    in_name = re.search(r"(?<!\d)\d{4,6}(?!\d)", low)
+    in_name = re.search(r"(?<![\d.])(\d{4,6})(?!\d)|(?<![\d.])(\d{1,3}(?:\.\d+)?) ?k(?!b)", low)
     usual = SAMPLE_RATE_HZ if kind == "pcm" else 8_000
-    for asked in (rate, in_name and in_name[0]):
+    if re.search(r"stereo|channels=0*(?:[2-9]|1\d)", low):
+        kind = low
+    for asked in (rate, in_name and (in_name[1] or 1000 * float(in_name[2]))):
         try:
             number = float(asked)  # type: ignore[arg-type]
         except (TypeError, ValueError):

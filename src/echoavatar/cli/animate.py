@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import AudioError, EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
 from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, local_path, progress, seed, size
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
-    parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--rig", type=local_path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
     add_manner(parser)
@@ -171,7 +171,10 @@ def _readable(sound: Path) -> Iterator[Path]:
                     raise EchoAvatarError(
                         f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
                     )
-        yield kept
+        try:
+            yield kept
+        except AudioError as error:
+            raise AudioError(str(error).replace(str(kept), "standard input")) from error
 
 
 def _rate(text: str) -> float:

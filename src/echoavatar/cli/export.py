@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz, .bvh or .glb")
     parser.add_argument("--animation", metavar="NAME", help="which one of a .glb (default: the first)")
     add_outputs(parser, "recordings")
-    parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--rig", type=local_path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
 
 

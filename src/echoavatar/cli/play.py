@@ -4,7 +4,7 @@ import argparse
 from contextlib import closing
 from pathlib import Path
 
-from .options import MAP_HELP
+from .options import MAP_HELP, local_path
 
 SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]"
 EXAMPLES = """examples:
@@ -18,7 +18,7 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz, .bvh or .glb (.vrm, .vrma)")
+    parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz, .bvh or .glb (.vrm, .vrma)")
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=f"{SINK_HELP}; repeat for more")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")

@@ -7,7 +7,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
-from .options import MAP_HELP
+from .options import MAP_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar rig avatar.vrm -o avatar.json     measure a VRM character
@@ -23,7 +23,7 @@ palm and fingers, in metres. In a program: Pipeline(bundle, body=BodyProfile.loa
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("character", type=Path, metavar="CHARACTER", help="rigged character, .glb, .vrm or .gltf")
+    parser.add_argument("character", type=local_path, metavar="CHARACTER", help="rigged character, .glb, .vrm or .gltf")
     parser.add_argument("-o", "--output", type=Path, help="where to write, .json; without it --template prints")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--template", action="store_true", help="write a file for --map instead; reads clips as well")

@@ -18,7 +18,7 @@ import numpy as np
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_json, read_object_file
-from echoavatar.limits import CONFIG_BYTES, decoded, read_bytes
+from echoavatar.limits import CONFIG_BYTES, decoded, read_bytes, readable
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 from .action_scheduler import ActionScheduler
@@ -55,13 +55,12 @@ def read_words(path: Path) -> list[Word]:
     something else.
     """
     try:
-        data = read_bytes(path, CONFIG_BYTES)
+        with readable(path):
+            data = read_bytes(path, CONFIG_BYTES)
         if path.suffix.lower() in (".vtt", ".srt"):
             return [word for cue in _CUE.finditer(decoded(data)[0].replace("\r", "")) for word in _caption(cue)]
         rows = read_json(data, str(path))
         return [Word(row["text"], row["start"], row.get("end")) for row in rows]
-    except FileNotFoundError as error:
-        raise EchoAvatarError(f"{path} does not exist; check the name") from error
     except (UnicodeError, LookupError, TypeError, AttributeError) as error:
         raise EchoAvatarError(
             f"{path} holds no words ({error!r}); give JSON, a list of {{text, start, end}}, or captions"

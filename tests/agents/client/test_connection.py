@@ -202,9 +202,15 @@ def test_addresses_may_have_any_usual_form(given: str, url: str) -> None:
     assert stream_url(given) == url
 
 
-def test_invalid_addresses_and_samples_are_refused(server: RunningServer) -> None:
-    with pytest.raises(EchoAvatarError, match="address"):
-        stream_url("ftp://a.example")
+@pytest.mark.parametrize(
+    "address", ["ftp://a.example", "a.example:99999", "a.example:port", "http://[::1", "http://a..b", "http://:80"]
+)
+def test_invalid_addresses_are_refused(address: str) -> None:
+    with pytest.raises(EchoAvatarError, match="is not a server address"):
+        stream_url(address)
+
+
+def test_invalid_samples_are_refused(server: RunningServer) -> None:
 
     async def run(samples: np.ndarray) -> None:
         async with connect(server.address) as avatar:

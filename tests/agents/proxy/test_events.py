@@ -47,6 +47,21 @@ def test_base64_of_any_dialect_is_sound(field: object, data: bytes | None) -> No
     assert sound(field) == data
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"type":"x","item_id":"i","score":NaN}',
+        '{"type":"x","item_id":"i","score":[-Infinity]}',
+        '\ufeff{"type":"x","item_id":"i"}\n',
+    ],
+)
+def test_json_as_some_servers_write_it(text: str) -> None:
+    for message in (text, text.encode()):
+        event = read(message)
+        assert event is not None
+        assert (event.type, event.item_id) == ("x", "i")
+
+
 def test_fields_of_another_type_are_read_as_far_as_they_can_be() -> None:
     event = read(
         '{"type":"x","item_id":4,"response_id":["r"],"content_index":"1","output_index":null,"audio_end_ms":"9"}'
@@ -82,6 +97,9 @@ def test_fields_of_another_type_are_read_as_far_as_they_can_be() -> None:
         ({"audio": {"output": {"format": "g711_ulaw"}}}, ("ulaw", 8_000)),
         ({"audio": {"output": {"format": {"type": "audio/PCMA", "rate": 8000}}}}, ("alaw", 8_000)),
         ({"output_audio_format": "pcm_f32le"}, ("pcm_f32le", 8_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 24000, "channels": 1}}}}, ("pcm", 24_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "channels": 2}}}}, ("audio/pcm;channels=2", 24_000)),
+        ({"output_audio_format": "raw-16khz-16bit-mono-pcm"}, ("pcm", 16_000)),
         ({"output_audio_format": 7}, None),
         ({"voice": "alloy"}, None),
         ("nonsense", None),

@@ -30,7 +30,7 @@ def test_the_connection_logs_nothing_at_debug_level() -> None:
     assert not quiet_logger().isEnabledFor(10)
 
 
-@pytest.mark.parametrize("url", ["", "https://api.openai.com/v1/realtime", "wss://", "api.openai.com"])
+@pytest.mark.parametrize("url", ["", "https://api.openai.com/v1/realtime", "wss://", "api.openai.com", "wss://a:x"])
 def test_an_invalid_upstream_is_refused_with_an_example(url: str) -> None:
     with pytest.raises(EchoAvatarError, match="wss://api.openai.com"):
         ProxySettings(url)

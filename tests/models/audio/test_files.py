@@ -112,8 +112,19 @@ def test_24_bits_in_32_are_whole_numbers(tmp_path: Path, channels: int, used: in
     head = struct.pack("<HHIIHH", 0xFFFE, channels, 24_000, 96_000 * channels, 4 * channels, 32)
     head += struct.pack("<HHI", 22, used, 0) + bytes.fromhex("0100000000001000800000aa00389b71")
     data = np.stack([TWO * 2.0**31] * channels, 1).astype("<i4").tobytes()
-    chunks = b"WAVEfmt " + struct.pack("<I", len(head)) + head + b"data" + struct.pack("<I", len(data)) + data
-    (tmp_path / "a.wav").write_bytes(b"RIFF" + struct.pack("<I", len(chunks)) + chunks)
+    (tmp_path / "a.wav").write_bytes(wav(head, data))
+    is_talk(read_audio(tmp_path / "a.wav"))
+
+
+def wav(format_: bytes, data: bytes) -> bytes:
+    chunks = b"WAVEfmt " + struct.pack("<I", len(format_)) + format_ + b"data" + struct.pack("<I", len(data)) + data
+    return b"RIFF" + struct.pack("<I", len(chunks)) + chunks
+
+
+@pytest.mark.parametrize("extra", [b"", bytes(2)])
+def test_24_bits_in_32_may_be_said_in_the_old_form(tmp_path: Path, extra: bytes) -> None:
+    head = struct.pack("<HHIIHH", 1, 1, 24_000, 96_000, 4, 24) + extra
+    (tmp_path / "a.wav").write_bytes(wav(head, (TWO * 2.0**31).astype("<i4").tobytes()))
     is_talk(read_audio(tmp_path / "a.wav"))
 
 
@@ -173,6 +184,7 @@ def test_number_formats_and_containers_of_studios_and_telephones(tmp_path: Path,
         (".ac3", "ac3", 48_000),
         (".wv", "wavpack", 44_100),
         (".tta", "tta", 44_100),
+        (".sbc", "sbc", 44_100),
         (".wav", "pcm_s16le", 192_000),
     ],
 )
@@ -200,6 +212,10 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "raw samples": (lambda: (TWO * 32_767).astype("<i2").tobytes(), "raw samples need their rate"),
     "an archive": (lambda: b"PK\3\4" + bytes(range(256)) * 20, "is not a sound file"),
     "samples of another byte order": (lambda: b"RIFX\0\0\1\0WAVEfmt " + bytes(200), "byte order of old computers"),
+    "zeros": (lambda: bytes(5_000), "but zeros; copy it again"),
+    "a WAV without samples": (lambda: wav(struct.pack("<HHIIHH", 1, 1, 24_000, 48_000, 2, 16), b""), "no samples"),
+    "a recorder's second blob": (lambda: b"\x1fC\xb6u\x01\xff\xff\xff" + bytes(range(99)), "put the first part before"),
+    "a segment of a stream": (lambda: b"\0\0\0\x10moof\0\0\0\x08mfhd", "put the first part before"),
     "an MP4 without its end": (lambda: b"\0\0\0\x18ftypM4A \0\0\0\0M4A isom" + bytes(4_000), "cut off or damaged"),
 }
 

@@ -181,6 +181,31 @@ def test_an_offset_is_taken_away(tmp_path: Path, offset: float, scale: float, ca
     assert "off zero" in said(caplog)
 
 
+@pytest.mark.parametrize("offset", [0.5, -0.01])
+def test_nothing_but_an_offset_is_silence(tmp_path: Path, offset: float, caplog: pytest.LogCaptureFixture) -> None:
+    assert level_db(heard(tmp_path, 0 * TALK + offset)) < -90
+    assert "it is silent" in caplog.text
+
+
+TIME = np.arange(len(TALK)) / RATE
+STEADY = {
+    "time code": 0.5 * np.sign(np.sin(2 * np.pi * 2_000 * TIME)),
+    "hum": 0.3 * np.sin(2 * np.pi * 50 * TIME),
+    "noise": 0.1 * NOISE[:, 1],
+}
+
+
+@pytest.mark.parametrize("what", STEADY)
+@pytest.mark.parametrize("first", [True, False])
+def test_a_channel_of_an_even_sound_beside_speech_is_left_out(
+    tmp_path: Path, what: str, first: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    channels = [STEADY[what].astype(np.float32), TALK]
+    sound = heard(tmp_path, np.stack(channels if first else channels[::-1], 1))
+    assert np.allclose(sound, heard(tmp_path, TALK), atol=2e-3)
+    assert "a channel of an even sound, such as time code or hum, is left out" in said(caplog)
+
+
 def test_half_a_minute_of_silence_changes_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     sound = heard(tmp_path, np.concatenate([np.zeros(30 * RATE, np.float32), TALK]))
     assert level_db(sound[30 * 24_000 :]) == pytest.approx(level_db(TALK), abs=0.1)

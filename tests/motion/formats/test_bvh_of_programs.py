@@ -303,3 +303,12 @@ def test_a_frame_that_lacks_a_value_is_refused(plain, tmp_path: Path) -> None:  
     (tmp_path / "a.bvh").write_text(head + "\n".join(" ".join(row[k == 1 :]) for k, row in enumerate(table)))
     with pytest.raises(MotionError, match="158 values, but the hierarchy has 159 channels"):
         read_bvh(tmp_path / "a.bvh")
+
+
+def test_angles_that_may_be_radians_are_told(plain: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def scaled(row: list[str]) -> str:
+        return " ".join([*row[:3], *(str(float(x) / 10) for x in row[3:])]) + "\n"
+
+    (tmp_path / "a.bvh").write_text(in_rows(plain, scaled))
+    read_bvh(tmp_path / "a.bvh")
+    assert "if they are radians, write degrees" in caplog.text

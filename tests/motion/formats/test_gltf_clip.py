@@ -92,3 +92,46 @@ def test_an_animation_is_chosen_by_its_name(tmp_path: Path, caplog: pytest.LogCa
     (tmp_path / "none.glb").write_bytes(glb(Odd(BODY)))
     with pytest.raises(MotionError, match="has no animation; choose another"):
         read_take(tmp_path / "none.glb")
+
+
+def turning(times: list[float]) -> Callable[[Buffer], dict]:  # type: ignore[type-arg]
+    def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+        turns = np.array([turn(t) for t in times], np.float32)
+        return {"input": buffer.add(np.array(times, np.float32)), "output": buffer.add(turns)}
+
+    return keys
+
+
+def changed(path: Path, change: Callable[[list], None]) -> Path:  # type: ignore[type-arg]
+    """The file with other animations."""
+    document, binary = read_chunks(animated(path, turning([0, 0.1, 0.2])))
+    change(document["animations"])
+    path.write_bytes(container(document, bytes(binary.data)))
+    return path
+
+
+def test_of_several_the_first_that_moves_the_body_is_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def put_first(animations: list) -> None:  # type: ignore[type-arg]
+        pointer = {"sampler": 0, "target": {"path": "pointer"}}
+        animations.insert(0, {"name": "lights", "samplers": animations[0]["samplers"], "channels": [pointer]})
+
+    assert read_take(changed(tmp_path / "a.glb", put_first)).motion.frames == 3
+    assert "(lights, still, one); 'still' is read" in caplog.text
+
+
+def test_animations_of_one_name_are_numbered(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = changed(tmp_path / "a.glb", lambda animations: [one.update(name="Take 001") for one in animations] and None)
+    read_take(path)
+    assert "(Take 001, Take 001_2)" in caplog.text
+    arm = read_take(path, animation="Take 001_2").motion
+    assert not np.allclose(arm.rotations[-1], arm.rotations[0])
+
+
+def test_two_keys_at_one_time_are_a_jump(tmp_path: Path) -> None:
+    motion = read_gltf_clip(animated(tmp_path / "a.glb", turning([0, 0.1, 0.1, 0.2])), "one")
+    assert motion.frames == 3
+
+
+def test_keys_that_go_back_in_time_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="go back in time"):
+        read_gltf_clip(animated(tmp_path / "a.glb", turning([0.2, 0.1, 0])), "one")

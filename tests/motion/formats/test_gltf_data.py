@@ -122,8 +122,10 @@ def test_a_gltf_is_read_with_its_parts_and_written_as_one(tmp_path: Path, plain:
         lambda text: re.sub("(?<=base64,)[^\"]+", lambda found: found[0].replace("A", "A\\n", 3), text),
         lambda text: text.replace('"scale": ', '"mesh": null, "skin": -1, "children": null, "scale": ', 1),
         lambda text: json.dumps(_with_nulls(json.loads(text))),
+        lambda text: text.replace("rper.bin", "RPER.BIN"),
+        lambda text: f"{text}\0\0\n",
     ],
-    ids=["backslash", "no padding", "capitals", "URL-safe", "lines", "nothing", "nulls"],
+    ids=["backslash", "no padding", "capitals", "URL-safe", "lines", "nothing", "nulls", "another case", "NUL behind"],
 )  # fmt: skip
 def test_a_gltf_may_be_written_loosely(tmp_path: Path, plain: Skinned, written: Callable[[str], str]) -> None:
     path = in_parts(long_armed(), tmp_path / "in")
@@ -134,11 +136,20 @@ def test_a_gltf_may_be_written_loosely(tmp_path: Path, plain: Skinned, written: 
     np.testing.assert_allclose(read_skinned(path).vertices, plain.vertices, atol=1e-6)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "cp1252"])
+def test_the_text_of_a_gltf_may_have_any_encoding(tmp_path: Path, plain: Skinned, encoding: str) -> None:
+    path = in_parts(long_armed(), tmp_path / "in")
+    document = json.loads(path.read_text("utf-8")) | {"extras": "Größe"}
+    path.write_bytes(json.dumps(document, ensure_ascii=False).encode(encoding))
+    np.testing.assert_allclose(read_skinned(path).vertices, plain.vertices, atol=1e-6)
+
+
 def _with_nulls(document: dict[str, Any]) -> dict[str, Any]:
     keys = ("children", "mesh", "skin", "matrix", "rotation", "scale", "translation", "camera")
     for entry in document["nodes"]:
         entry |= {key: None for key in keys if key not in entry}
-    return document
+    absent = {"animations": None, "cameras": None, "extensions": {"VRM": None, "VRMC_vrm": None}}
+    return absent | document
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,12 @@ LAYOUTS = {  # arrays, and whether they have hands
         },
         True,
     ),
+    "the body as flat matrices": ({"poses": matrices(POSES[:, BODY]).reshape(FRAMES, -1), "trans": TRANS}, False),
+    "parts as flat matrices": (PARTS | {"body_pose": matrices(POSES[:, 1:22]).reshape(FRAMES, -1)}, False),
+    "one of a batch": ({"poses": POSES.reshape(1, FRAMES, -1), "trans": TRANS[None]}, True),
+    "parts with an axis for the joint": (PARTS | {"global_orient": POSES[:, :1], "transl": TRANS[:, None]}, False),
+    "parts with one jaw for all": (PARTS | {"jaw_pose": np.zeros(3)}, False),
+    "degrees": ({"poses": np.degrees(POSES).reshape(FRAMES, -1), "trans": TRANS}, True),
     "parts, Z up": ({"global_orient": UP_POSES[:, 0], "body_pose": UP_POSES[:, 1:22], "transl": UP_TRANS}, False),
 }
 
@@ -90,12 +96,32 @@ def test_every_layout_gives_the_same_motion(name, tmp_path) -> None:  # type: ig
     np.testing.assert_allclose(np.diff(motion.root, axis=0), np.diff(SWAY.root, axis=0), atol=1e-5)
 
 
-@pytest.mark.parametrize("key", ["mocap_frame_rate", "mocap_framerate", "fps"])
+@pytest.mark.parametrize("key", ["mocap_frame_rate", "mocap_framerate", "fps", "FPS", "mocap_fps", "video_frame_rate"])
 @pytest.mark.parametrize("rate", [120.0, 59.94, 30000 / 1001])
 def test_the_rate_is_taken_under_each_of_its_names(key, rate, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     np.savez(tmp_path / "a.npz", **{key: np.array([rate])}, **LAYOUTS["SMPL-H"][0])
     assert read_take(tmp_path / "a.npz").motion.fps == rate
     assert not caplog.text
+
+
+@pytest.mark.parametrize("rate", [np.full(FRAMES, 60.0), "60", np.array([[60]])])
+def test_the_rate_may_have_any_form(rate, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    np.savez(tmp_path / "a.npz", fps=rate, **LAYOUTS["SMPL-H"][0])
+    assert read_take(tmp_path / "a.npz").motion.fps == 60
+
+
+def test_a_single_frame_needs_no_axis_of_time(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    np.savez(tmp_path / "a.npz", fps=30, **{name: array[0] for name, array in PARTS.items()})
+    motion = read_take(tmp_path / "a.npz").motion
+    assert motion.frames == 1
+    np.testing.assert_allclose(motion.matrices()[:, BODY], SWAY.matrices()[:1, BODY], atol=1e-5, rtol=0)
+    assert not caplog.text
+
+
+def test_hands_that_are_left_out_are_named(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    np.savez(tmp_path / "a.npz", fps=30, **LAYOUTS["parts with weights of hands"][0])
+    read_take(tmp_path / "a.npz")
+    assert "its left_hand_pose (12, 12) is left out" in caplog.text
 
 
 def test_what_is_assumed_is_said(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
@@ -125,7 +151,12 @@ def test_it_is_exported(tmp_path) -> None:  # type: ignore[no-untyped-def]
     [
         ({"poses": np.zeros((4, 71)), "trans": np.zeros((4, 3))}, r"poses \(4, 71\)"),
         ({"poses": np.zeros((4, 75)), "trans": np.zeros((4, 3))}, r"poses \(4, 75\)"),
-        ({"poses": np.zeros(165), "trans": np.zeros((1, 3))}, r"poses \(165,\)"),
+        ({"poses": np.zeros(164), "trans": np.zeros((1, 3))}, r"poses \(164,\)"),
+        ({"poses": np.zeros((2, 4, 165)), "trans": np.zeros((4, 3))}, r"poses \(2, 4, 165\)"),
+        ({"body_pose": np.zeros((4, 126)), "transl": np.zeros((4, 3))}, r"body_pose \(4, 126\)"),
+        ({"joints": np.zeros((4, 22, 3))}, "has joints; give `poses`"),
+        ({"poses": np.array([None, 1])}, "objects of Python; save plain arrays"),
+        ({"poses": POSES, "trans": 100 * TRANS, "fps": 30}, "its hips move 13 times its height a second"),
         ({"poses": np.zeros((4, 72)), "trans": np.zeros((3, 3))}, r"4 poses and trans \(3, 3\)"),
         ({"body_pose": np.zeros((4, 30)), "transl": np.zeros((4, 3))}, r"body_pose \(4, 30\)"),
         (

@@ -117,6 +117,8 @@ FRAMED = {  # schemes that differ by what stands around each name
     "Ready Player Me": (_MIXAMO, "{}"),
     "Mixamo at Sketchfab": (_MIXAMO, "mixamorig:{}_012"),
     "controls alone": (_UNREAL, "{}_ctrl"),
+    "a label of a word for a part": (_MIXAMO, "Body_{}"),
+    "a label of a side and a part": (_MIXAMO, "left_hand_{}"),
     "Rigify": (_RIGIFY, "DEF-{}"),
     "metarig of Blender": (_RIGIFY, "{}"),
 }
@@ -310,6 +312,13 @@ SCHEMES: dict[str, Scheme] = {
         "UpperArm=Shoulder{s}/LowerArm=Elbow{s}/Hand=Wrist{s}/=Hand{s}/=HandTip{s}",
         "UpperLeg=Hip{s}/LowerLeg=Knee{s}/Foot=Ankle{s}/Toes=Foot{s}",
         ("Left", "Right"),
+    ),
+    "mocopi": Scheme(
+        "hips=root/spine=torso_1/=torso_2/=torso_3/chest=torso_4/=torso_5/=torso_6/upperChest=torso_7/neck=neck_1/=neck_2"
+        "/head=head",
+        "Shoulder={s}_shoulder/UpperArm={s}_up_arm/LowerArm={s}_low_arm/Hand={s}_hand",
+        "UpperLeg={s}_up_leg/LowerLeg={s}_low_leg/Foot={s}_foot/Toes={s}_toes",
+        ("l", "r"),
     ),
     "Azure Kinect": Scheme(
         "hips=PELVIS/spine=SPINE_NAVEL/chest=SPINE_CHEST/neck=NECK/head=HEAD",

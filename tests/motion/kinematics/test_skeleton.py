@@ -3,6 +3,7 @@ import pytest
 from pydantic import ValidationError
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.skeleton import numbered
 
 
 def test_our_rig_has_the_agreed_shape():
@@ -79,3 +80,10 @@ def test_offsets_must_be_finite():
     offsets = ((0.0, float("nan"), 0.0), *HUMANOID.config.offsets[1:])
     with pytest.raises(ValidationError, match="finite"):
         SkeletonConfig.model_validate(HUMANOID.config.model_dump() | {"offsets": offsets})
+
+
+def test_names_that_come_again_are_numbered():
+    assert numbered(["a", "b", "a", "a_2", "a"]) == ["a", "b", "a_2", "a_2_2", "a_3"]
+    names = numbered(["x"] * 30_000)
+    assert len(set(names)) == len(names)
+    assert numbered(["a\nb", "x" * 300 + "|Hips", "a\nb"]) == ["a_b", "x" * 235 + "|Hips", "a_b_2"]

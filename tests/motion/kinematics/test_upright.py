@@ -107,6 +107,8 @@ def resized(motion: Motion, size: float) -> Motion:
         (2.0, 1 / 0.0564444, "CMU"),
         (1.7, 0.1, "tens of metres"),
         (1.7, 0.01, "hundreds of metres"),
+        (1.7, 10, "decimetres"),
+        (6.0, 100, ""),
     ],
 )
 def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
@@ -119,6 +121,20 @@ def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tm
         np.testing.assert_allclose(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
     assert ("its unit is taken for" in caplog.text) == (unit != "")
     assert (unit or "") in caplog.text
+
+
+def test_an_unheard_of_unit_makes_a_person_of_the_figure(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    made = resized(PERSON, 37.0)
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30, stand=Stand(metres=0.001))
+    motion = read_bvh(tmp_path / "a.bvh")
+    assert "so that the figure is 1.70 m tall" in caplog.text
+    np.testing.assert_allclose(motion.pose().positions, PERSON.pose().positions, atol=0.05)
+
+
+def test_places_in_another_unit_than_the_bones_are_refused(tmp_path: Path) -> None:
+    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, 1000 * PERSON.root, 30)
+    with pytest.raises(MotionError, match=r"a\.bvh: its hips move \d+ times its height a second"):
+        read_bvh(tmp_path / "a.bvh")
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.2, -1.0, 0.3), (0.0, 2.0, 1.0)])

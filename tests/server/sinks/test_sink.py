@@ -81,6 +81,8 @@ def test_options_change_rate_and_names() -> None:
         ("vmc://", "HOST:PORT"),
         ("vmc://host:99999", "HOST:PORT"),
         ("vmc://host/path", "HOST:PORT"),
+        ("vmc://[::1", "HOST:PORT"),
+        ("vmc:host", "HOST:PORT"),
         ("vmc://127.0.0.1?names=mine", "vrm0"),
         ("vmc://127.0.0.1?rate=0", "between 1 and 240"),
         ("vmc://127.0.0.1?rate=fast", "between 1 and 240"),

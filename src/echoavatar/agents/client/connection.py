@@ -6,7 +6,7 @@ import logging
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
 from typing import Any
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import urlunsplit
 
 import msgspec
 import numpy as np
@@ -305,9 +305,9 @@ def stream_url(url: str) -> str:
     Raises:
         EchoAvatarError: the address is not valid.
     """
-    parts = urlsplit(url if "://" in url else f"http://{url}")
     schemes = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}
-    if parts.scheme not in schemes or not parts.netloc:
+    parts = outgoing.address_parts(url if "://" in url else f"http://{url}", *schemes)
+    if parts is None:
         raise EchoAvatarError(
             f"{outgoing.redacted(url)!r} is not a server address; give one such as http://127.0.0.1:8765"
         )

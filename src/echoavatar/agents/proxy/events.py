@@ -64,8 +64,12 @@ def read(message: str | bytes) -> Event | None:
     try:
         raw = message.encode() if isinstance(message, str) else message
         is_large = len(raw) > MOST_BYTES or sum(map(raw.count, (b",", b"[", b"{"))) > MOST_VALUES
-        return None if is_large else _DECODER.decode(raw)
-    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        if is_large:
+            return None
+        with suppress(msgspec.DecodeError):
+            return _DECODER.decode(raw)
+        return msgspec.convert(json.loads(raw), Event, strict=False)  # Python's servers write NaN, others a mark first
+    except (msgspec.DecodeError, ValueError, RecursionError):
         return None
 
 
@@ -111,6 +115,8 @@ def audio_format(session: Any, direction: str) -> Format | None:
     rate = next((found for place, key in places if (found := inside(place, key)) is not None), None)
     if not isinstance(kind, str):
         kind = "pcm" if rate is not None else ""
+    if (channels := _number(inside(form, "channels")) or 1) > 1:
+        kind += f";channels={channels:.0f}"
     return named_format(kind, rate) if kind else None
 
 

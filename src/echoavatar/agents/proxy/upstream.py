@@ -44,8 +44,7 @@ class ProxySettings:
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect
 
     def __post_init__(self) -> None:
-        scheme, _, rest = self.upstream.partition("://")
-        if scheme not in ("ws", "wss") or not rest.strip("/"):
+        if outgoing.address_parts(self.upstream, "ws", "wss") is None:
             raise EchoAvatarError(
                 f"--upstream {outgoing.redacted(self.upstream)!r} is not a WebSocket URL; "
                 "give one such as wss://api.openai.com/v1/realtime"

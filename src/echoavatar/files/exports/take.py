@@ -9,8 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import readable
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.kinds import BVH, GLTF, NPZ, kind_of
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.motion import frame_ratio, resample
@@ -19,8 +21,6 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     from echoavatar.motion.kinematics.rigs import JointMap
-
-CLIPS = (".glb", ".gltf", ".vrm", ".vrma")
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,25 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
 
     Raises MotionError: the file is missing, damaged, or of another kind.
     """
-    if path.suffix.lower() == ".bvh":
+    kind = kind_of(path)
+    if kind == BVH:
         return Take(read_bvh(path, given))
-    if path.suffix.lower() in CLIPS:
+    if kind == GLTF:
         from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 
         return Take(read_gltf_clip(path, animation, given))
     if given is not None:
         raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
-    if path.suffix.lower() != ".npz":
-        raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; give what `animate` or `say` wrote")
+    if kind != NPZ:
+        raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; convert it, for example to .glb in Blender")
     from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 
     try:
-        with NpzArrays(path, MotionError) as packed:
+        with readable(path, MotionError), NpzArrays(path, MotionError) as packed:
             if is_smpl(packed):
                 return Take(smpl_motion(path, packed))
+            if not packed.keys() & {"names", "skeleton"}:
+                raise MotionError(f"{path} has {', '.join(packed)[:80]}; give `poses` of SMPL, or a file of `animate`")
             stored = dict(packed)
         motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
         face = _face(stored) if "face" in stored else None
@@ -79,8 +82,6 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
             audio = np.asarray(stored["audio"], np.float32)
             if audio.ndim != 1 or not np.isfinite(audio).all():
                 raise ValueError(f"sound of shape {audio.shape}, or with values that are not finite")
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
         raise MotionError(f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again") from error
     if face is not None and len(face) != motion.frames:

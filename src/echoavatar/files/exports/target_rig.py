@@ -20,6 +20,7 @@ from echoavatar.motion.formats.bvh import read_standing
 from echoavatar.motion.formats.gltf_data import refusing_damage
 from echoavatar.motion.formats.gltf_file import node_matrix, rotation_of, scale_of
 from echoavatar.motion.formats.gltf_rig import GltfRig, Skinned, read_gltf_rig, skinned
+from echoavatar.motion.formats.kinds import BVH, GLTF, kind_of
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
@@ -99,9 +100,6 @@ def _split_matrix(node: dict[str, Any]) -> None:
         parts = {"translation": node_matrix(node)[:3, 3], "rotation": rotation_of(node), "scale": scale_of(node)}
         node |= {name: values.tolist() for name, values in parts.items()}
         del node["matrix"]
-
-
-GLTF, BVH = (".vrm", ".glb", ".gltf"), ".bvh"
 
 
 @dataclass(frozen=True)
@@ -193,13 +191,13 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
     Raises:
         MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
     """
-    suffix = path.suffix.lower()
-    if suffix in GLTF:
+    kind = kind_of(path)
+    if kind == GLTF:
         gltf = read_gltf_rig(path, given)
         rig = Rig(path, gltf.skeleton, gltf)
         return replace(rig, skeleton=_standing(path, gltf.skeleton, skinned(gltf) if rig.has_mesh else None))
-    if suffix != BVH:
-        raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
+    if kind != BVH:
+        raise MotionError(f"{path} is not a rig: convert it to a character (.glb, .vrm) or a skeleton (.bvh)")
     motion, stand = read_standing(path, given)
     config = motion.skeleton.config
     try:

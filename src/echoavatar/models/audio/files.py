@@ -30,8 +30,9 @@ SOUND_SUFFIXES = (
 # Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
 # texts that name other files or addresses, which would be opened.
 _CONTAINERS = (
-    "aac,ac3,aiff,amr,ape,asf,au,avi,avr,caf,dsf,dts,eac3,flac,flv,g722,gsm,iff,ircam,loas,matroska,webm,mov,mp4,3gp"
-    ",3g2,mp3,mpeg,mpegts,mpc,mpc8,mxf,nistsphere,nut,oga,ogg,opus,paf,pvf,rm,sox,tak,tta,voc,w64,wav,wv"
+    "aac,ac3,aiff,amr,ape,asf,au,avi,avr,caf,dsf,dss,dts,eac3,flac,flv,g722,gsm,iff,ilbc,ircam,loas,matroska,webm,mlp"
+    ",mov,mp4,3gp,3g2,mp3,mpeg,mpegts,mpc,mpc8,mxf,nistsphere,nut,oga,ogg,oma,opus,paf,pvf,qcp,rm,sbc,sox,tak,truehd"
+    ",tta,voc,w64,wav,wv"
 )
 _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file,subfile"}
 _LARGEST_BYTES = 1 << 40
@@ -48,8 +49,8 @@ _BEGINS = {  # of files without an index, by their first four letters
 }
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
-# The head of a WAV of today with whole numbers: its channels, and the bytes of a sample of all of them.
-_WHOLE = re.compile(rb"fmt \(\0\0\0\xfe\xff(.)\0.{8}(.)\0.{10}\x01\0", re.DOTALL)
+# The head of a WAV with whole numbers: its channels, and the bytes of a sample of all of them.
+_WHOLE = re.compile(rb"fmt .\0\0\0(?:\x01\0|\xfe\xff(?=.{22}\x01\0))(.)\0.{8}(.)\0", re.DOTALL)
 _FRAME = re.compile(rb"\xff[\xe0-\xff]")
 _TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
@@ -116,7 +117,8 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
 
     Raises AudioError if it is not sound, has no track of sound, or cannot be read.
     """
-    parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
+    parts, piece = _parts(path), None
+    failure = "holds no sound that can be decoded (no samples, or an unknown codec)"
     for number, part in enumerate(parts):
         try:
             with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
@@ -292,6 +294,11 @@ def _what_it_is(path: Path, failure: str) -> str:
         return "is not a sound file but a web page; download the sound itself"
     if not re.search(r"[\0-\x08\x0e-\x1a]", text) and text.count("\ufffd") < 2:  # one letter may be cut
         return f"is not a sound file but text ({' '.join(text[:60].split())!r}); download the sound itself"
+    if not begin.strip(b"\0"):
+        return "is not a sound file but zeros; copy it again, whole"
     if begin[4:8] == b"ftyp":
-        return f"{failure}: an MP4 that is cut off or damaged; copy it again, whole"
-    return f"{failure}; convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
+        return "is an MP4 that is cut off or damaged; copy it again, whole"
+    if begin.startswith(b"\x1fC\xb6u") or begin[4:8] in (b"moof", b"sidx", b"styp"):
+        return "is a later part of a recorded or sent sound; put the first part before it"
+    remedy = "convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
+    return f"{failure}; record it anew, or {remedy}"

@@ -71,7 +71,7 @@ class StreamResampler:
 
     def __init__(self, rate: int) -> None:
         if not 1_000 <= rate <= 768_000:
-            raise AudioError(f"a sample rate of {rate} Hz; wanted 1,000 to 768,000")
+            raise AudioError(f"a sample rate of {rate:,} Hz; wanted 1,000 to 768,000; correct or convert it")
         self.rate = rate
         self._given = 0
         self._returned = 0

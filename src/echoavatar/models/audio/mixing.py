@@ -28,6 +28,7 @@ _QUIET_DB = -45.0  # below it the level control of the models hears silence
 _FAINTEST_DB = -90.0  # nothing but the rounding of 16 bits
 _LIFTED_DB = -26.0
 _STEADY_DB = 8.0  # what varies less is noise, and stays as it is
+_TONE_DB, _LOUD_SHARE = 3.0, 0.01  # what varies less is no speech; of the loudest power, so that it disturbs
 _LOUDEST = 1.25  # peaks of decoded MP3 are a little over 1
 _LOUD_PIECES = 3  # fewer are clicks
 _OFFSET = 5e-4
@@ -63,6 +64,7 @@ class _Sums:
         self._sum, self._products = np.zeros(channels), np.zeros((channels, channels))
         self.cancelled = 0.0  # energy where channels go against each other
         self.energies, self.counts = np.zeros(len(_LEVELS_DB)), np.zeros(len(_LEVELS_DB))  # by level
+        self.levels = np.zeros((len(_LEVELS_DB), channels))  # samples of each channel, by level
 
     def add(self, samples: Float[np.ndarray, "s c"]) -> None:
         x = samples.astype(np.float64)
@@ -78,9 +80,10 @@ class _Sums:
         best = float(powers.max())
         if here.sum() < _CANCELLED / len(powers) * np.sqrt(powers).sum() ** 2:
             self.cancelled += best
-        bin_ = int(np.clip(10 * math.log10(best / len(x) + 1e-20) - _LEVELS_DB[0], 0, len(_LEVELS_DB) - 1))
-        self.energies[bin_] += best
-        self.counts[bin_] += len(x)
+        bins = np.clip(10 * np.log10(powers / len(x) + 1e-20) - _LEVELS_DB[0], 0, len(_LEVELS_DB) - 1).astype(int)
+        self.levels[bins, np.arange(len(bins))] += len(x)
+        self.energies[bins.max()] += best
+        self.counts[bins.max()] += len(x)
 
     @property
     def mean(self) -> Float[np.ndarray, " c"]:
@@ -131,7 +134,7 @@ def _gain(all_sums: Sequence[_Sums], notes: list[str]) -> float:
         notes.append(f"its peaks reach {peak:.3g} and are brought down to 1")
         return 1 / peak
     if level < _FAINTEST_DB:
-        if peak < 1e-4 and all_sums:
+        if all_sums and max(sums.power for sums in all_sums) < 10 ** (_FAINTEST_DB / 10):
             notes.append("it is silent")
     elif level < _QUIET_DB and level - quiet > _STEADY_DB and peak < 1:
         gain = min(10 ** ((_LIFTED_DB - level) / 20), 1 / peak)
@@ -150,7 +153,7 @@ def _mix(form: Form, sums: _Sums, gain: float, notes: list[str]) -> Mix:
     weights = _weights(form, sums, notes)
     offset = float(sums.mean @ weights)
     heard = math.sqrt(max(0.0, float(weights @ sums.covariance @ weights)))
-    if sums.count < form.rate / 2 or abs(offset) < max(_OFFSET, 0.1 * heard) or heard < 1e-3 * abs(offset):
+    if sums.count < form.rate / 2 or abs(offset) < max(_OFFSET, 0.1 * heard):
         offset = 0.0
     else:
         notes.append(f"its samples are off zero by {offset:.3g}, which is taken away")
@@ -162,6 +165,12 @@ def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c
     covariance, count = sums.covariance, len(form.channels)
     is_heard = ~np.isin(form.channels, _RUMBLE)
     is_heard |= not np.diag(covariance)[is_heard].any()
+    spreads = np.array([_level_at(channel, 0.9) - _level_at(channel, 0.1) for channel in sums.levels.T])
+    is_loud = is_heard & (np.diag(covariance) > _LOUD_SHARE * np.diag(covariance)[is_heard].max())
+    is_steady = is_loud & (spreads < _TONE_DB)
+    if is_steady.any() and (spreads[is_loud] > _STEADY_DB).any():
+        notes.append("a channel of an even sound, such as time code or hum, is left out")
+        is_heard &= ~is_steady
     powers = np.where(is_heard, np.diag(covariance), 0)
     best = int(np.argmax(powers >= _ABOUT * powers.max()))
     if count == 1 or powers[best] <= 0 or sums.count < _SHORTEST_S * form.rate:

@@ -11,7 +11,6 @@ mean length is used.
 import logging
 import re
 from array import array
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -34,12 +33,13 @@ from echoavatar.limits import (
     STILL_ROTATIONS,
     check_file,
     decoded,
+    readable,
 )
 
 from ..kinematics.motion import Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
-from ..kinematics.skeleton import Skeleton, SkeletonConfig
+from ..kinematics.skeleton import Skeleton, SkeletonConfig, numbered
 from ..kinematics.upright import Stand, of_clip, righted, triples
 
 _log = logging.getLogger(__name__)
@@ -100,14 +100,16 @@ def read_standing(
                 f"{len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
             )
         motion = _assemble(_body(joints, notes), frames, fps, notes)
+        if given is not None:
+            motion = replace(motion, skeleton=with_bones(motion.skeleton, given))
+        stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, known_bones(motion.skeleton))
     except _TextError as error:
         place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
         raise MotionError(f"{path}{place}: {error}") from None
     except ValidationError as error:
         raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
-    if given is not None:
-        motion = replace(motion, skeleton=with_bones(motion.skeleton, given))
-    stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, known_bones(motion.skeleton))
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
     if notes := notes + ([] if metres_per_unit else stand.notes()):
         _log.warning("%s: %s", path, "; ".join(notes))
     return righted(motion, stand), stand
@@ -123,13 +125,9 @@ class _TextError(Exception):
 
 def _text(path: Path, notes: list[str]) -> str:
     """The text of a file with plain line ends and without comments."""
-    try:
+    with readable(path, MotionError):
         check_file(path, BVH_BYTES, MotionError)
         text, encoding = decoded(path.read_bytes())
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
-    except OSError as error:
-        raise MotionError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
     if encoding != "utf-8-sig":
         notes.append(f"its text is taken for {encoding}")
     text = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\0\x1a \t\n")
@@ -274,13 +272,11 @@ def _body(joints: list[_Joint], notes: list[str]) -> list[_Joint]:
     roots = [j for j, joint in enumerate(joints) if joint.parent < 0]
     trees = [joints[root:stop] for root, stop in zip(roots, [*roots[1:], len(joints)], strict=True)]
     for root, tree in zip(roots, trees, strict=True):
-        count = Counter[str]()
-        for joint in tree:
-            joint.parent = max(joint.parent - root, -1)
-            count[joint.name] += 1
-            joint.name += f"_{count[joint.name]}" if count[joint.name] > 1 else ""
-        if len(count) < len(tree):
+        names = numbered(joint.name for joint in tree)
+        if names != [joint.name for joint in tree]:
             notes.append("joints of the same name are numbered")
+        for joint, name in zip(tree, names, strict=True):
+            joint.name, joint.parent = name, max(joint.parent - root, -1)
     if len(trees) == 1:
         return trees[0]
     best = max(trees, key=lambda tree: (len(known_bones(_skeleton(tree))), len(tree)))
@@ -308,6 +304,9 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
             is_beside = True
         rotations[:, j] = rotation
         places.append(place)
+    turns = [joint.column + k for joint in joints for k, (kind, _) in enumerate(joint.channels) if kind == "rotation"]
+    if 1 < np.abs(frames[:, turns]).max(initial=0) <= np.pi + 1e-5:
+        notes.append("no angle is above 3.14 degrees; if they are radians, write degrees")
     if is_beside:
         notes.append("positions of joints are added to their OFFSET")
     if any(kind == "scale" for joint in joints for kind, _ in joint.channels):

@@ -19,6 +19,7 @@ from ..kinematics import Motion
 from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
+from ..kinematics.skeleton import numbered
 from .gltf_data import read_accessor, refusing_damage
 from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
@@ -30,7 +31,7 @@ _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 
 def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | None = None) -> Motion:
-    """The animation of this name, or the first; `given` is the user's map of the bones.
+    """The animation of this name, or the first that moves a bone; `given` is the user's map of the bones.
 
     Raises:
         MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
@@ -38,22 +39,29 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
     """
     rig = read_gltf_rig(path, given)
     with refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):  # `Motion` looks for what is not finite
-        known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
+        entries = rig.document.get("animations", [])
+        known = numbered(str(entry.get("name", k)) for k, entry in enumerate(entries))
         if not known or (animation is not None and animation not in known):
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
             raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
-        if animation is None and len(known) > 1:
-            _log.warning("%s has %d animations (%s); the first is read", path, len(known), ", ".join(known))
-        return _sampled(rig, known[animation or next(iter(known))])
+        needed = {*rig.order, *above(rig.parents, rig.order[0])}
+        chosen = next((k for k, entry in enumerate(entries) if _targets(entry, needed)), 0)
+        if animation is not None:
+            chosen = known.index(animation)
+        elif len(known) > 1:
+            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), known[chosen])
+        return _sampled(rig, entries[chosen], needed)
 
 
-def _sampled(rig: GltfRig, entry: dict[str, Any]) -> Motion:
-    needed = {*rig.order, *above(rig.parents, rig.order[0])}
-    tracks: dict[tuple[int, str], tuple[Array, Array, str]] = {}
-    for channel in entry["channels"]:
-        node, path = channel["target"].get("node", -1), channel["target"]["path"]
-        if node in needed and path in _PATHS:
-            tracks[node, path] = _keys(rig, entry["samplers"][channel["sampler"]], _PATHS[path])
+def _targets(entry: dict[str, Any], nodes: set[int]) -> dict[tuple[int, str], int]:
+    """The sampler of each of these nodes, and of each of its properties, that an animation moves."""
+    channels = [(channel["target"], channel["sampler"]) for channel in entry["channels"]]
+    return {(at["node"], at["path"]): k for at, k in channels if at.get("node") in nodes and at["path"] in _PATHS}
+
+
+def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
+    targets = _targets(entry, needed)
+    tracks = {target: _keys(rig, entry["samplers"][k], _PATHS[target[1]]) for target, k in targets.items()}
     if not tracks:
         raise MotionError(f"{rig.path}: its animation {entry.get('name', '')!r} moves no bone; choose another")
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
@@ -87,8 +95,10 @@ def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Arra
     times, values = (read_accessor(rig.document, rig.binary, sampler[key]) for key in ("input", "output"))
     kind = sampler.get("interpolation", "LINEAR")
     values = values.reshape(len(times), 3 if kind == "CUBICSPLINE" else 1, width)
-    if not len(times) or not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise ValueError("keys that do not rise, or are not finite")
+    if not len(times) or not (
+        np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times[:, 0]) >= 0).all()
+    ):
+        raise ValueError("keys that go back in time, or are not finite")
     return times[:, 0], values, kind
 
 

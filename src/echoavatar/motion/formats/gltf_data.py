@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.json_reader import from_base64, read_object
-from echoavatar.limits import FILE_PARTS, GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file
+from echoavatar.limits import FILE_PARTS, GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file, decoded
 
 from . import draco
 
@@ -69,18 +69,26 @@ def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
                 *_, length, kind = struct.unpack("<4sIIII", head)
                 if kind != 0x4E4F534A:
                     raise struct.error
-            elif path.suffix.lower() != ".gltf" and not head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
-                raise struct.error
             else:
                 file.seek(0)
-            text = file.read(min(length, GLTF_BYTES + 1))
+            text = decoded(file.read(min(length, GLTF_BYTES + 1)))[0].strip("\0 \t\r\n")
+            if not text.startswith("{"):
+                raise struct.error
             file.seek(28 + length)
             first = file.read()
-        return _joined(path, read_object(text, f"the JSON in {path}", most=GLTF_BYTES, error=MotionError), first)
+        document = read_object(text, f"the JSON in {path}", most=GLTF_BYTES, error=MotionError)
+        return _joined(path, _present(document) if "null" in text else document, first)
     except struct.error as error:
-        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
+        raise MotionError(f"{path} is not binary glTF 2.0; export the character as .glb or .vrm") from error
     except OSError as error:
         raise MotionError(f"{path} cannot be read; check the name") from error
+
+
+def _present(value: Any) -> Any:
+    """A value of JSON without what some programs write as null."""
+    if isinstance(value, dict):
+        return {key: _present(inner) for key, inner in value.items() if inner is not None}
+    return [_present(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[str, Any], Binary]:
@@ -132,6 +140,9 @@ def _bytes_of(path: Path, uri: str, held: int) -> bytes:
     folder = path.parent.resolve()
     place = unquote_to_bytes(uri.replace("\\", "/")).decode()  # as Windows writes it
     part = Path(os.path.realpath(folder / place))
+    if part.parent.is_relative_to(folder) and part.parent.is_dir() and not part.exists():  # there, case does not matter
+        alike = (other for other in part.parent.iterdir() if other.name.lower() == part.name.lower())
+        part = Path(os.path.realpath(next(alike, part)))
     if not part.is_relative_to(folder) or ":" in uri.split("/")[0]:
         raise MotionError(f"{path} refers to {uri!r}, which is outside its folder; export it as one .glb")
     try:

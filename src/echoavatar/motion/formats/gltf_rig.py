@@ -8,7 +8,6 @@ so, because the nodes may stand in the middle of an animation; or else the nodes
 """
 
 import logging
-from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -25,6 +24,7 @@ from ..kinematics.alignment import has_rest_pose
 from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
+from ..kinematics.skeleton import numbered
 from ..kinematics.upright import axes_of, height, metres_of, triples
 from .gltf_data import Binary, attribute, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
@@ -70,8 +70,8 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
 
 def _read(path: Path, given: JointMap | None) -> GltfRig:
     document, binary = read_chunks(path)
-    # some programs write what is not there
-    document["nodes"] = [{k: v for k, v in node.items() if v not in (None, -1)} for node in document["nodes"]]
+    # some programs write -1 for what is not there
+    document["nodes"] = [{k: v for k, v in node.items() if v != -1} for node in document["nodes"]]
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
     order, bones, names = _rig(document, parents, worlds, path, given)
@@ -200,9 +200,8 @@ def _rig(
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    names = {node: str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes}
-    count = Counter(names.values())
-    names = {node: f"{name} {k}" if count[name] > 1 else name for k, (node, name) in enumerate(names.items())}
+    written = (str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes)
+    names = dict(zip(nodes, numbered(written), strict=True))
     trees: list[list[int]] = [nodes]
     if not mapped and not given:  # of several characters, the largest
         tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}

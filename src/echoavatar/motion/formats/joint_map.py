@@ -9,10 +9,12 @@ from pathlib import Path
 
 from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object_file
+from echoavatar.limits import readable
 
 from ..kinematics.rigs import BONES, UnknownRigError, known_bones
 from .bvh import read_bvh
 from .gltf_rig import read_gltf_rig
+from .kinds import BVH, kind_of
 
 
 def read_map(path: Path | None) -> dict[str, str | None] | None:
@@ -22,10 +24,8 @@ def read_map(path: Path | None) -> dict[str, str | None] | None:
     """
     if path is None:
         return None
-    try:
+    with readable(path, MotionError):
         given = read_object_file(path, error=MotionError)
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
     joints: dict[str, str] = {}
     for bone, joint in given.items():
         if bone not in BONES:
@@ -49,7 +49,7 @@ def map_of(path: Path) -> dict[str, str | None]:
     """
     found: Mapping[str, str]
     try:
-        rig = read_bvh(path).skeleton if path.suffix.lower() == ".bvh" else read_gltf_rig(path).skeleton
+        rig = read_bvh(path).skeleton if kind_of(path) == BVH else read_gltf_rig(path).skeleton
         found = {bone: rig.names[joint] for bone, joint in known_bones(rig).items()}
     except UnknownRigError as error:
         found = error.found

@@ -9,6 +9,8 @@ metres. Matrices (t, j, 3, 3) are read as well. Hand poses are absolute, as MoSh
 """
 
 import logging
+import math
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
@@ -25,24 +27,23 @@ from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
 from ..kinematics.upright import of_clip, righted
 
 _log = logging.getLogger(__name__)
-_POSES = ("poses", "smpl_poses", "fullpose", "full_pose", "pose")
-_JOINTS = {22: range(22), 24: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}  # of the rig, by their count
-_PARTS = {  # the first joint of the rig, and how many
-    "global_orient": (0, 1),
-    "root_orient": (0, 1),
-    "body_pose": (1, 21),
-    "pose_body": (1, 21),
-    "jaw_pose": (22, 1),
-    "pose_jaw": (22, 1),
-    "leye_pose": (23, 1),
-    "reye_pose": (24, 1),
-    "pose_eye": (23, 2),
-    "left_hand_pose": (25, 15),
-    "right_hand_pose": (40, 15),
-    "pose_hand": (25, 30),
+_Layout = Mapping[int, Collection[int]]  # the joints of the rig that an array has, by their count
+_BODY_LAYOUT: _Layout = dict.fromkeys((21, 23), range(1, 22))  # SMPL has two more, which rest
+_WHOLE: _Layout = {24: range(22), 22: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}
+_LAYOUTS: Mapping[str, _Layout] = {
+    **dict.fromkeys(("poses", "smpl_poses", "fullpose", "full_pose", "pose"), _WHOLE),
+    **dict.fromkeys(("global_orient", "root_orient"), {1: range(1)}),
+    **dict.fromkeys(("body_pose", "pose_body"), _BODY_LAYOUT),
+    **dict.fromkeys(("jaw_pose", "pose_jaw"), {1: range(22, 23)}),
+    "leye_pose": {1: range(23, 24)},
+    "reye_pose": {1: range(24, 25)},
+    "pose_eye": {2: range(23, 25)},
+    "left_hand_pose": {15: range(25, 40)},
+    "right_hand_pose": {15: range(40, 55)},
+    "pose_hand": {30: range(25, 55)},
 }
 _PLACES = ("trans", "transl", "smpl_trans", "translation")
-_RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
+_RATE = re.compile("fps|frame_?rate", re.IGNORECASE)  # in the name of an array
 _ASSUMED_HZ = 30.0
 _UPRIGHT = 0.6  # least height of the mean direction of the spine
 _BODY = (  # name:VRM bone; each hangs from what its bone hangs from
@@ -84,7 +85,7 @@ def skeleton() -> Skeleton:
 
 def is_smpl(names: Collection[str]) -> bool:
     """Whether a file with arrays of these names has motion of SMPL."""
-    return "skeleton" not in names and any(name in names for name in (*_POSES, "body_pose", "pose_body"))
+    return "skeleton" not in names and any(_LAYOUTS.get(name) in (_WHOLE, _BODY_LAYOUT) for name in names)
 
 
 @np.errstate(invalid="ignore", over="ignore")  # looked for below
@@ -94,68 +95,76 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
-    poses, found = _poses(path, stored), _first(path, stored, _PLACES)
-    trans = np.zeros((len(poses), 3)) if found is None else found
-    if (scale := _first(path, stored, ("smpl_scaling",))) is not None:  # AIST++
-        trans = trans / scale
-    if trans.shape != (len(poses), 3):
-        raise MotionError(f"{path}: {len(poses)} poses and trans {trans.shape}; give a place (t, 3) for each pose")
+    notes = list[str]()
+    poses, place = _poses(path, stored, notes), next((name for name in _PLACES if name in stored), "")
+    found, scale = stored[place] if place else np.zeros(3), stored.get("smpl_scaling", np.ones(1))  # of AIST++
+    if found.size not in (3, 3 * len(poses)) or found.shape[-1:] != (3,):
+        raise MotionError(f"{path}: {len(poses)} poses and trans {found.shape}; give a place (t, 3) for each pose")
+    trans = np.broadcast_to(np.asarray(found, np.float64).reshape(-1, 3) / scale, (len(poses), 3))
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
         bad = int(np.flatnonzero(~(np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)))[0])
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
-    rate = _first(path, stored, _RATES)
-    fps = _ASSUMED_HZ if rate is None or rate.size != 1 else rate.item()
+    if np.median(np.abs(poses).max((1, 2))) > 2 * np.pi:
+        poses = np.radians(poses)
+        notes.append("its angles are taken for degrees")
+    rates = [rate for name in stored if _RATE.search(name) and (rate := np.unique(stored[name])).size == 1]
+    fps = float(rates[0][0]) if rates else _ASSUMED_HZ
+    notes += [] if rates else [f"it has no frame rate, and {fps:g} frames per second are assumed"]
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
     rig = rig or skeleton()
     rotations = quaternion_from_axis_angle(poses).astype(np.float32)
     motion = Motion(rig, rotations, trans.astype(np.float32), fps)
-    stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+    try:
+        stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
     motion = righted(motion, stand)
     spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
     if spine[1] < _UPRIGHT:
         raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
-    notes = stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if found is None else [])
-    notes += [f"it has no frame rate, and {fps:g} frames per second are assumed"] if rate is None else []
+    notes += stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if not place else [])
     if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
     return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0], fps))
 
 
-def _first(path: Path, stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
-    return next((_numbers(path, stored[name]) for name in names if name in stored), None)
+def _turns(path: Path, name: str, array: np.ndarray, layout: _Layout) -> Float[np.ndarray, "t j 3"]:
+    """The axis angles of the joints of an array, from axis angles or matrices; raises MotionError for others.
 
-
-def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
-    """The array in double precision, if its file has room for as many poses."""
-    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)
+    They may be flat or not; there may be a single frame, or an axis for a single body.
+    """
+    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # what its file has room for
     if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
         raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
-    numbers = np.asarray(array, np.float64)
-    if numbers.ndim < 3 or numbers.shape[-2:] != (3, 3):
-        return numbers
-    return axis_angle_from_quaternion(quaternion_from_matrix(numbers))
+    widths = {width * count: width for count in layout for width in (3, 9)}
+    fewest = 2 if array.ndim > 2 and array.shape[-2:] == (3, 3) else 1
+    for axes in range(fewest, 4):  # that make a frame
+        size, others = math.prod(array.shape[-axes:]), array.shape[:-axes]
+        if size in widths and max(others, default=1) == math.prod(others) > 0:
+            turns = np.asarray(array, np.float64).reshape(math.prod(others), -1, widths[size])
+            matrices = turns.reshape(len(turns), -1, 3, 3) if widths[size] == 9 else None
+            return turns if matrices is None else axis_angle_from_quaternion(quaternion_from_matrix(matrices))
+    flat = ", ".join(f"(t, {3 * count})" for count in layout)
+    raise MotionError(f"{path}: {name} {array.shape}; SMPL has {flat} of axis angles, or matrices; convert it")
 
 
-def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:
-    given = _first(path, stored, _POSES)
-    if given is not None:
-        flat = given.reshape(len(given), -1) if given.ndim > 1 and given.size else np.zeros((1, 1))
-        joints = _JOINTS.get(flat.shape[1] // 3) if flat.shape[1] % 3 == 0 else None
-        if joints is None:
-            raise MotionError(f"{path}: poses {given.shape}; SMPL has (t, 72), SMPL-H (t, 156), and SMPL-X (t, 165)")
-        whole = np.zeros((len(flat), 55, 3))
-        whole[:, list(joints)] = flat.reshape(len(flat), -1, 3)[:, : len(joints)]
-        return whole
-    parts = {name: _numbers(path, stored[name]) for name in _PARTS if name in stored}
-    frames = max(map(len, parts.values()))
-    whole = np.zeros((frames, 55, 3))
-    for name, part in parts.items():
-        first, count = _PARTS[name]
-        if part.size >= 3 * count * frames > 0 and len(part) == frames:  # fewer: weights of a hand model
-            whole[:, first : first + count] = part.reshape(frames, -1, 3)[:, :count]
-        elif first < 2:
-            raise MotionError(f"{path}: {name} {part.shape}; SMPL has (t, {3 * count}) for {frames} frames")
+def _poses(path: Path, stored: Mapping[str, np.ndarray], notes: list[str]) -> Float[np.ndarray, "t 55 3"]:
+    names = [name for name in _LAYOUTS if name in stored]
+    found = dict[str, Float[np.ndarray, "t j 3"]]()
+    for name in names[:1] if _LAYOUTS[names[0]] is _WHOLE else names:
+        try:
+            found[name] = _turns(path, name, stored[name], _LAYOUTS[name])
+        except MotionError:
+            if "hand" not in name:
+                raise
+            notes.append(f"its {name} {stored[name].shape} is left out, which may be weights of a hand model")
+    whole = np.zeros((max(map(len, found.values())), 55, 3))
+    for name, turns in found.items():
+        if len(turns) not in (1, len(whole)):
+            raise MotionError(f"{path}: {name} has {len(turns)} frames of {len(whole)}; give as many of each")
+        joints = list(_LAYOUTS[name][turns.shape[1]])
+        whole[:, joints] = turns[:, : len(joints)]
     return whole
 
 

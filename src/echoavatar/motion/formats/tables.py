@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import ARRAYS_ALWAYS, ARRAYS_BYTES, ARRAYS_PACKED, TEXTS, check_file
+from echoavatar.limits import ARRAYS_ALWAYS, ARRAYS_BYTES, ARRAYS_PACKED, TEXTS, check_file, readable
 from echoavatar.whole_file import write_whole
 
 from ..arkit import LIVE_LINK_NAMES, to_live_link
@@ -84,9 +84,8 @@ def write_arrays(path: Path | str, arrays: Mapping[str, Any]) -> None:
 def read_npz(path: Path | str) -> Motion:
     """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
     try:
-        return motion_of(arrays_of(Path(path), MotionError))
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
+        with readable(path, MotionError):
+            return motion_of(arrays_of(Path(path), MotionError))
     except NPZ_ERRORS as error:
         raise MotionError(f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again") from error
 
@@ -158,6 +157,8 @@ def array_of(data: bytes) -> np.ndarray:
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise ValueError("it holds objects of Python; save plain arrays")
     if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
         raise ValueError(f"the header says {shape}, and there is less")
     if dtype.kind in "SU" and math.prod(shape) > TEXTS:  # each becomes an object of Python

@@ -8,6 +8,7 @@ for a thigh (`words.toml`) are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_
 import re
 import tomllib
 import unicodedata
+from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -19,11 +20,13 @@ CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
 LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
+START_WORDS, START_SHARE = 4, 0.65  # any word does that more of all names begin with; fingers are not as many
 _PARTS = TABLES["joints"]
 _KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side, words in TABLES[kind].items()]
 _KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
 _WORDS = {word: kind for kind, words in _KINDS for word in words.split()}
 _LONGEST = max(map(len, _WORDS))
+_START = re.compile(r"[^\W_]+[\W_]+(?=\w)")
 
 
 class Said(NamedTuple):
@@ -45,7 +48,7 @@ class Said(NamedTuple):
 
 def read_names(names: Sequence[str]) -> list[Said]:
     """What each name of a rig says, without the words that label the whole rig."""
-    said = [read_name(name) for name in names]
+    said = [read_name(name) for name in _without_label(names)]
     parts = [one for one in said if one.part]
     beside: dict[str, list[str]] = {}
     for one in parts:
@@ -55,6 +58,17 @@ def read_names(names: Sequence[str]) -> list[Said]:
     labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # all are controls
     left = [[tuple(w for w in words if w not in labels) for words in (one.helpers, one.strangers)] for one in said]
     return [one._replace(helpers=h, strangers=s) for one, (h, s) in zip(said, left, strict=True)]
+
+
+def _without_label(names: Sequence[str]) -> Sequence[str]:
+    """The names without the few words that nearly all begin with, whatever these say: `HeadGirl_Hips`."""
+    for _ in range(START_WORDS):
+        starts = Counter(start[0] for name in names if (start := _START.match(name)))
+        label, count = max(starts.items(), key=lambda found: found[1], default=("", 0))
+        if count <= START_SHARE * len(names) or read_name(label).is_helper:
+            break
+        names = [name.removeprefix(label) for name in names]
+    return names
 
 
 @lru_cache(maxsize=CACHED)

@@ -5,7 +5,8 @@ The paper's motion tokenizer splits the body into three anatomical parts: lower 
 
 import math
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +18,9 @@ from pydantic import Field, model_validator
 from echoavatar.config import Config
 from echoavatar.limits import JOINTS
 
-_NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")  # it becomes part of a line in BVH and CSV
+_NO_NAME = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # a name becomes part of a line in BVH and CSV
+_NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")
+NAME_LETTERS = 240  # of a name that is read; numbers come behind
 
 
 class SkeletonConfig(Config):
@@ -216,6 +219,18 @@ def _humanoid() -> SkeletonConfig:
         tips=_TIPS | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
         vrm={name: i for i, name in enumerate(names)},
     )
+
+
+def numbered(names: Iterable[str]) -> list[str]:
+    """The names on one line each, the ends of long ones, each once: those that come again get a number."""
+    found, again = dict[str, None](), Counter[str]()
+    for written in names:
+        new = name = _NO_NAME.sub("_", written)[-NAME_LETTERS:]
+        while new in found:
+            again[name] += 1
+            new = f"{name}_{again[name] + 1}"
+        found[new] = None
+    return list(found)
 
 
 def other_side(bone: str) -> str:

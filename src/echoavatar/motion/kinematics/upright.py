@@ -29,6 +29,8 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("inches", 0.0254, 0.5, 3.0),
     ("feet", 0.3048, 1.48, 2.06),
     ("metres", 1.0, 0.3, 10.0),
+    ("centimetres", 0.01, 0.3, 10.0),
+    ("decimetres", 0.1, 1.0, 3.1),
     ("tens of metres", 10.0, 1.0, 3.0),
     ("hundreds of metres", 100.0, 1.0, 3.0),
 )
@@ -40,6 +42,7 @@ _LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a
 _LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 degrees and of a third of one: how far from its axes a body is
 _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
 _SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
+_MOSTLY, _FASTEST = 0.9, 10.0  # of the time; heights a second, which nobody moves
 _SAMPLES = 64  # frames of a clip that are looked at
 _NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
 _Vector = Float[np.ndarray, "3"]
@@ -60,7 +63,7 @@ class Stand(NamedTuple):
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
         if self.metres != usual:
-            name = next(name for name, metres, *_ in UNITS if metres == self.metres)
+            name = next((name for name, metres, *_ in UNITS if metres == self.metres), f"{self.metres:.3g} m")
             notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
         return notes
 
@@ -72,13 +75,14 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     """How a rest pose stands: its joints are at `places`, in the file's axes and unit.
 
     A figure that leans is not straightened, and one that does not stand is not turned. The unit is `usual` (metres)
-    where no unit makes a person of the figure, or where the bones that tell are missing.
+    where the bones that tell are missing.
     """
     if _NEEDED - bones.keys() or not np.isfinite(places).all():
         return Stand(metres=usual)
+    if not (tall := height(bones, places)):
+        return Stand(metres=usual)
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
-    tall = height(bones, places)
-    metres = _unit_of(tall) or usual
+    metres = _unit_of(tall)
     lines = [unit(at["head"] - at["hips"]), *(unit(at["hips"] - at[f"{side}Foot"]) for side in SIDES)]
     up = _nearest(np.eye(3), np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
@@ -101,11 +105,16 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
 def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
     """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
 
-    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up.
+    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up. Raises MotionError: it moves
+    faster than any body, because its places have another unit.
     """
     stand = measure(bones, motion.skeleton.rest_positions)
     if not stand.tall:
         return stand
+    tall = stand.tall / stand.metres
+    speeds = np.linalg.norm(np.diff(motion.root.astype(np.float64), axis=0), axis=1) * motion.fps / tall
+    if speeds.size and (speed := float(np.quantile(speeds, _MOSTLY))) > _FASTEST:
+        raise MotionError(f"its hips move {speed:.0f} times its height a second; give places in the unit of its bones")
     seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
     some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
     places = some.pose(np.float64).positions
@@ -114,7 +123,6 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
     axis, usual = _nearest(np.eye(3), mean), stand.rest[1]
     if axis @ mean < _CLEAR or axis @ usual > _STANDING:
         return stand
-    tall = stand.tall / stand.metres
     stands = abs(np.median((feet @ axis).min(1))) < _FLOOR * tall
     hips, lowest = np.median(places[:, bones["hips"]] @ usual), np.median((places @ usual).min(1))
     lies = _LYING[0] * tall < hips < _LYING[1] * tall and lowest > -_FLOOR * tall
@@ -183,11 +191,13 @@ def _toes(places: Mapping[str, _Vector]) -> _Vector:
 
 def metres_of(tall: float, stated: float) -> float:
     """Metres in the unit of a figure so tall: the `stated` unit if that makes a person of it, or else a usual one."""
-    return stated if _ANYONE[0] <= tall * stated <= _ANYONE[1] else _unit_of(tall) or _MEAN / tall
+    return stated if _ANYONE[0] <= tall * stated <= _ANYONE[1] else _unit_of(tall)
 
 
-def _unit_of(tall: float) -> float | None:
-    return next((unit for _, unit, least, most in UNITS if least <= tall * unit <= most), None)
+def _unit_of(tall: float) -> float:
+    """Metres in the likeliest unit, or in one of its own, of a figure so tall."""
+    usual = (unit for _, unit, least, most in UNITS if least <= tall * unit <= most)
+    return next(usual, _MEAN / tall)
 
 
 def scaled(skeleton: Skeleton, factor: float) -> Skeleton:

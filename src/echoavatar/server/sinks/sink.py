@@ -4,12 +4,13 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import cast
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.outgoing import address_parts
 from echoavatar.wire.messages import Rig
 
 from .encoders import NAMES, Encoder, Frame, JsonEncoder, LiveLinkEncoder, Names, VmcEncoder
@@ -73,21 +74,17 @@ def parse_address(text: str) -> Address:
     Raises:
         EchoAvatarError: unknown protocol, missing host, invalid port, or an option that the protocol does not have.
     """
-    parts = urlsplit(text)
-    if parts.scheme not in PORTS:
+    if (scheme := text.partition(":")[0].lower()) not in PORTS:
         raise EchoAvatarError(f"sink {text!r} is of no known kind ({', '.join(PORTS)}); give one such as {EXAMPLE}")
-    try:
-        port = parts.port
-    except ValueError:
-        port = 0
-    if not parts.hostname or port == 0 or parts.path.strip("/"):
-        raise EchoAvatarError(f"sink {text!r} is not {parts.scheme}://HOST:PORT; give one such as {EXAMPLE}")
+    parts = address_parts(text, scheme)
+    if parts is None or parts.path.strip("/"):
+        raise EchoAvatarError(f"sink {text!r} is not {scheme}://HOST:PORT; give one such as {EXAMPLE}")
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     known = OPTIONS[parts.scheme]
     if unknown := sorted(set(options) - set(known)):
         choice = f"only {', '.join(known)}" if known else "no options"
         raise EchoAvatarError(f"sink {text!r} has no option {unknown[0]!r}; {parts.scheme} has {choice}")
-    return Address(parts.scheme, parts.hostname, port or PORTS[parts.scheme], options)
+    return Address(parts.scheme, parts.hostname or "", parts.port or PORTS[parts.scheme], options)
 
 
 def check_address(text: str) -> None:
