@@ -2,12 +2,15 @@
 
 A page counts if it names a command that can be run. A claim is a number with a unit, a comparison or decimals in a
 sentence or a row of a table; its command is the last one before it on the page, or the first. The date is the seed, so
-that nobody chooses the claims. The table's last columns are for whoever runs the commands.
+that nobody chooses the claims. Left out, after the draw and with their count, is what measures nothing that is here: a
+version, what something had "before", what is "wanted", and columns of the paper, of the demo, and of bars. The table's
+last columns are for whoever runs the commands.
 """
 
 import argparse
 import random
 import re
+from collections import Counter
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
@@ -19,6 +22,8 @@ UNITS = r"(?:%|ms|s|MB|GiB|mm|cm|m|fps|dB|Hz|kHz|words|sessions|times|minutes|se
 NUMBER = re.compile(
     rf"(?<![\w./-])[+-]?\d[\d,]*(?:\.\d+)?(?= {UNITS}\b| ?%|\s*(?:\||\*\*|\[|\+-|±))|(?<![\w./-])\d+\.\d+\b"
 )
+NOT_HERE = re.compile(r"\b(before|wanted) $")
+COLUMNS = re.compile(r"\b(paper|demo|wanted)\b")
 
 
 class Claim(NamedTuple):
@@ -29,20 +34,26 @@ class Claim(NamedTuple):
     line: int
     sentence: str
     command: str
+    left_out: str = ""  # why it is nothing to measure
 
 
 def claims(path: Path) -> list[Claim]:
     """The claims of a page, none if it names no command."""
     found, command, first, is_code = [], "", "", False
     paragraph: list[tuple[int, str]] = []
+    header: list[str] = []
     for number, line in enumerate([*path.read_text(encoding="utf-8").splitlines(), ""], 1):
         is_text = bool(line.strip()) and not is_code and not line.startswith(("```", "    ", "#", "|"))
         if is_text and not line.startswith("- "):
             paragraph.append((number, line))
             continue
         rows = [[(number, line)]] if line.startswith("|") and not is_code else []
+        header = header or line.split("|") if rows else []
         for told in [paragraph, *rows]:
-            found += [Claim(value, str(path.relative_to(ROOT)), at, said, command) for at, said, value in spoken(told)]
+            found += [
+                Claim(value, str(path.relative_to(ROOT)), at, said, command, why)
+                for at, said, value, why in spoken(told, header)
+            ]
         paragraph = [(number, line)] if is_text else []
         if line.startswith("```"):
             is_code = not is_code
@@ -52,8 +63,8 @@ def claims(path: Path) -> list[Claim]:
     return [one._replace(command=one.command or first) for one in found] if first else []
 
 
-def spoken(told: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
-    """Line, sentence and number of everything that a paragraph, or a row of a table, claims."""
+def spoken(told: list[tuple[int, str]], header: list[str]) -> Iterator[tuple[int, str, str, str]]:
+    """Line, sentence and number of everything that a paragraph, or a row of a table, claims, and why it is left out."""
     whole = " ".join(line for _, line in told)
     ends = [sum(len(line) + 1 for _, line in told[: k + 1]) for k in range(len(told))]
     start = 0
@@ -61,13 +72,25 @@ def spoken(told: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
         plain = re.sub(r"`[^`]*`|\]\([^)]*\)", lambda match: " " * len(match[0]), said)
         for value in NUMBER.finditer(plain):
             at = next(k for k, end in enumerate(ends) if start + value.start() < end)
-            yield told[at][0], said.strip(), value[0].strip()
+            column = header[plain[: value.start()].count("|")] if plain.startswith("|") else ""
+            yield told[at][0], said.strip(), value[0].strip(), why_left_out(plain, value, column)
         start += len(said)
+
+
+def why_left_out(said: str, value: re.Match[str], column: str) -> str:
+    """Why a number measures nothing that is here; empty if it does."""
+    if re.match(r"\.\d", said[value.end() :]) or ("Python" in said and re.fullmatch(r"3\.\d+", value[0])):
+        return "version"
+    told = NOT_HERE.search(said[: value.start()])
+    if not told and "(missed: " not in said[: value.start()]:  # what misses a bar is ours
+        told = COLUMNS.search(column)
+    return told[1] if told else ""
 
 
 def draw(found: list[Claim], day: date, count: int) -> list[Claim]:
     """`count` claims of different places, or fewer, in the order drawn with the date as seed; more only add to them."""
-    places = {(one.file, one.line): one for one in random.Random(f"{day}").sample(found, len(found))}
+    shuffled = random.Random(f"{day}").sample(found, len(found))
+    places = {(one.file, one.line): one for one in shuffled if not one.left_out}
     return list(places.values())[:count]
 
 
@@ -88,7 +111,8 @@ def main() -> None:
     args = parser.parse_args()
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = [claim for page in pages for claim in claims(page)]
-    print(f"{len(found)} numbers claimed; {args.count} drawn with {args.date}\n")
+    left_out = Counter(one.left_out for one in found if one.left_out)
+    print(f"{len(found)} numbers claimed; {args.count} drawn with {args.date}; left out: {dict(left_out)}\n")
     print(table(draw(found, args.date, args.count)))
 
 

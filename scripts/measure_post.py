@@ -4,7 +4,8 @@
     python scripts/measure_post.py MADE.npz                   measure what was generated before
 
 Every sound is looped or cut to `SECONDS`; all sounds run in one batch. MADE.npz holds the decoded `features` (sessions,
-frames, channels). For the hour on a leash each session repeats its own features. `border_steps_over_others` is the mean
+frames, channels); the stages get them in the bundle's chunks, and once in chunks of 8 frames. For the hour on a leash
+each session repeats its own features. `border_steps_over_others` is the mean
 change of angular velocity at chunk borders over that at other frames; 1 means that borders do not show. Prints one line
 of JSON.
 """
@@ -31,7 +32,7 @@ from echoavatar.motion.kinematics.rotations import (
 from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES, Post
-from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data.faults import penetration_depth_m, skate
 
 SECONDS = 60.0
@@ -40,16 +41,16 @@ BALLS = list(HUMANOID.config.feet)[1::2]
 
 def generate(sounds: list[Path]) -> np.ndarray:
     """Decoded features (b, t, c), before any other stage."""
-    chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
-    audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds])
     pipeline = Pipeline(load_bundle())
+    size = pipeline.chunk.samples
+    chunks = int(SECONDS * SAMPLE_RATE_HZ / size)
+    audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * size) for path in sounds])
     state, active = pipeline.init_state(len(sounds)), np.ones(len(sounds), np.bool_)
     for row in range(len(sounds)):
         pipeline.reset(state, np.arange(len(sounds)) == row, seed=row)
     features = _tap(pipeline.decoder, "step")
     for step in range(chunks):
-        part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
-        pipeline.step(part, state, active)
+        pipeline.step(audio[:, step * size : (step + 1) * size], state, active)
     return np.concatenate(features, 1)
 
 
@@ -66,22 +67,24 @@ def _tap(stage: object, name: str) -> list[np.ndarray]:
     return seen
 
 
-def through(features: np.ndarray, stages: tuple[str, ...], options: MotionOptions) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and roots of every session."""
+def through(
+    features: np.ndarray, stages: tuple[str, ...], options: MotionOptions, frames: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and roots of every session, in chunks of so many frames."""
     post = Post(HUMANOID, stages=stages)
     state, active = post.init_state(len(features)), np.ones(len(features), np.bool_)
     state.modes.choose(active, options)
-    shown = [post.step(part, state, active) for part in in_chunks(features)]
+    shown = [post.step(part, state, active) for part in in_chunks(features, frames)]
     rotations, root = join_batches(shown)
     return rotations, root
 
 
-def in_chunks(features: np.ndarray) -> list[np.ndarray]:
+def in_chunks(features: np.ndarray, frames: int) -> list[np.ndarray]:
     """Features (b, t, c) chunk by chunk."""
-    return np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
+    return np.split(features, range(frames, features.shape[1], frames), 1)
 
 
-def measured(quaternions: np.ndarray, root: np.ndarray) -> dict[str, float]:
+def measured(quaternions: np.ndarray, root: np.ndarray, frames: int) -> dict[str, float]:
     """Penetration, smoothness, foot skate and root travel over all sessions."""
     rotations = matrix_from_quaternion(quaternions)
     depth = np.concatenate([penetration_depth_m(HUMANOID, session) for session in rotations])
@@ -99,7 +102,7 @@ def measured(quaternions: np.ndarray, root: np.ndarray) -> dict[str, float]:
         "wrist_jerk_m_s3": float(jerk),
         "skate_cm_s": float(np.mean(feet)),
         "farthest_m": float(np.linalg.norm((root - root[:, :1])[..., [0, 2]], axis=-1).max()),
-        "border_steps_over_others": border_share(change, CHUNK_FRAMES),
+        "border_steps_over_others": border_share(change, frames),
         "fastest_deg_s": float(np.degrees(speed.max())),
     }
 
@@ -118,28 +121,28 @@ def border_share(change: np.ndarray, frames: int) -> float:
     return float(change[..., is_border].mean() / change[..., ~is_border].mean())
 
 
-def at_60(quaternions: np.ndarray, root: np.ndarray) -> dict[str, float]:
+def at_60(quaternions: np.ndarray, root: np.ndarray, frames: int) -> dict[str, float]:
     """`border_share` at 60 fps, and the change at source frames over that at the interpolated frames between them."""
     changes = []
     for session, places in zip(quaternions, root, strict=True):
         stream = StreamInterpolator(60)
-        chunks = zip(in_chunks(session[None]), in_chunks(places[None]), strict=True)
+        chunks = zip(in_chunks(session[None], frames), in_chunks(places[None], frames), strict=True)
         parts = [stream.push(MotionChunk(r[0], p[0])).rotations for r, p in chunks]
         changes.append(velocity_change(np.concatenate(parts)))
     change = np.stack(changes)
     return {
-        "border_steps_over_others": border_share(change, 2 * CHUNK_FRAMES),
+        "border_steps_over_others": border_share(change, 2 * frames),
         "source_frames_over_between": float(change[:, 1::2].mean() / change[:, ::2].mean()),
     }
 
 
-def farthest(features: np.ndarray, minutes: int, options: MotionOptions) -> float:
+def farthest(features: np.ndarray, minutes: int, options: MotionOptions, frames: int) -> float:
     """Largest distance of a root from its start, in metres, over so many minutes."""
     post, on = Post(HUMANOID), np.ones(len(features), np.bool_)
     state = post.init_state(len(features))
     state.modes.choose(on, options)
-    parts, far = in_chunks(features), 0.0
-    for step in range(minutes * 60 * FRAME_RATE_HZ // CHUNK_FRAMES):
+    parts, far = in_chunks(features, frames), 0.0
+    for step in range(minutes * 60 * FRAME_RATE_HZ // frames):
         root = post.step(parts[step % len(parts)], state, on).root
         far = max(far, float(np.hypot(root[..., 0], root[..., 2]).max()))
     return far
@@ -153,20 +156,23 @@ def main() -> None:
         np.savez(path, features=generate(sounds))
     with np.load(path) as kept:
         features = kept["features"]
-    free = MotionOptions()
+    free, frames = MotionOptions(), load_bundle().chunk.frames
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
-    full = through(features, SWITCHES, free)
+    full = through(features, SWITCHES, free, frames)
     report: dict[str, object] = {
         "minutes": features.shape[0] * features.shape[1] / FRAME_RATE_HZ / 60,
-        "decoded": measured(*through(features, ("ground",), free)),
-        "without hands": measured(*through(features, without_hands, free)),
-        "all": measured(*full),
-        "at 60 fps": at_60(*full),
-        "an hour": farthest(features, 60, free),
-        "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1)),
+        "frames a chunk": frames,
+        "decoded": measured(*through(features, ("ground",), free, frames), frames),
+        "without hands": measured(*through(features, without_hands, free, frames), frames),
+        "all": measured(*full, frames),
+        "all, 8 frames a chunk": measured(*through(features, SWITCHES, free, CHUNK_FRAMES), CHUNK_FRAMES),
+        "at 60 fps": at_60(*full, frames),
+        "an hour": farthest(features, 60, free, frames),
+        "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1), frames),
     }
     for name in ("leash_m", "in_place", "upper_body"):
-        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1})))
+        options = MotionOptions.model_validate({name: 1})
+        report[name] = measured(*through(features, SWITCHES, options, frames), frames)
     print(json.dumps(report))
 
 

@@ -50,6 +50,32 @@ def test_numbers_are_found_with_line_sentence_and_the_command_of_their_section(
     assert draw_claims.claims(page) == []
 
 
+NOTHING_TO_MEASURE = """    echoavatar bench stream
+
+It needs Python 3.11 and thing 2.78.0. It is 0.5 (before 0.4), where 0.7 is wanted 0.6.
+
+| part | ours, ms | paper, ms | wanted |
+|---|---:|---:|---|
+| codec | 12.5 | 4.5 | at most 13 ms (missed: 12 %) |
+"""
+
+
+def test_what_measures_nothing_that_is_here_is_left_out_after_the_draw(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(draw_claims, "ROOT", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(NOTHING_TO_MEASURE)
+    found = draw_claims.claims(page)
+    why = [(one.number, one.left_out) for one in found]
+    assert why[:2] == [("3.11", "version"), ("2.78", "version")]
+    assert why[2:6] == [("0.5", ""), ("0.4", "before"), ("0.7", ""), ("0.6", "wanted")]
+    assert why[6:] == [("12.5", ""), ("4.5", "paper"), ("13", "wanted"), ("12", "")]
+    everything = draw_claims.draw([one._replace(left_out="") for one in found], date(2026, 11, 30), 9)
+    assert {one.line for one in everything} == {3, 7}
+    assert all(not one.left_out for one in draw_claims.draw(found, date(2026, 11, 30), 9))
+
+
 def test_the_date_alone_decides() -> None:
     claims = [draw_claims.Claim("1", "a.md", line, "s", "c") for line in range(100)]
     first = draw_claims.draw(claims, date(2026, 11, 29), 10)

@@ -46,7 +46,13 @@ def test_the_sums_are_right() -> None:
     step = (6 * 0.358e9 + 12 * 24 * 896 * 1140) * 1140 * 256
     seconds = step / (0.35 * 989e12)
     assert f"{seconds:.2f} s a step" in TEXT
-    assert f"{40_000 * seconds / 3600:.1f} h | {40_000 * seconds / 3600 / 1.9:.1f} h" in TEXT
+    total = 0.0
+    for stage, steps, each in (1, 5_000, seconds * 2 / 3), (2, 40_000, seconds), (3, 10_000, seconds):
+        hours = steps * each / 3600
+        total += hours
+        one, two, eight = (f"{hours / times:.1f} h" for times in (1, 1.9, 7.2))
+        assert f"| stage {stage} | {steps:,} x {each:.2f} s | {one} | {two} | {eight} |" in TEXT
+    assert "| " + " | ".join(f"**{total / times:.1f} h**" for times in (1, 1.9, 7.2)) + " |" in TEXT
     assert f"= {(52 * 16 + 13 + 1600) * 108_000 / 1e6:.0f} MB an hour" in TEXT
 
 

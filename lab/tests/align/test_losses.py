@@ -20,6 +20,7 @@ from echoavatar_lab.align.rollouts import (
     rewards_to_go,
     timed_advantages,
 )
+from echoavatar_lab.align.trainer import AlignTraining
 
 
 def t(*values: float) -> torch.Tensor:
@@ -117,6 +118,20 @@ def test_grpo_is_trls(clip, weight):
     assert told.loss.item() == pytest.approx(loss, rel=1e-12)
     torch.testing.assert_close(policy.grad, torch.tensor(gradient, dtype=torch.float64))
     assert told.clipped.item() == pytest.approx(TRL_CLIPPED)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "advantage", "counts"),
+    [(1.19, 1, True), (1.21, 1, False), (1.21, -1, True), (0.81, -1, True), (0.79, -1, False), (0.79, 1, True)],
+)
+def test_by_default_a_code_counts_until_its_ratio_is_off_by_a_fifth(ratio, advantage, counts):
+    """Its gradient is gone where it has moved so far in the direction of its advantage."""
+    policy = t(math.log(ratio)).requires_grad_()
+    told = grpo_loss(
+        policy=policy, old=t(0), advantages=t(advantage), kl=t(0), clip=AlignTraining().ratio_clip, kl_weight=0.0
+    )
+    told.loss.backward()
+    assert policy.grad.item() == pytest.approx(-advantage * ratio if counts else 0)
 
 
 TRL_DPO = {

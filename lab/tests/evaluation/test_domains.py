@@ -60,6 +60,17 @@ def test_legs_that_travel_dance_and_arms_alone_gesture() -> None:
         assert (danced.all(), danced.any(), gestured.all(), gestured.any()) == tuple(np.repeat(expected, 2)), joint
 
 
+@pytest.mark.parametrize(("speed", "is_gestured"), [(0.115, False), (0.125, True)])
+def test_wrists_gesture_from_012_arm_lengths_a_second(speed: float, is_gestured: bool) -> None:
+    """One straight arm turns about its shoulder, at twice the speed, and the other hangs: the mean counts."""
+    motion = moving("rightUpperArm", 0)
+    angle, arm = 2 * speed * np.arange(motion.frames) / motion.fps, HUMANOID.index("rightUpperArm")
+    motion.rotations[:, arm, 0], motion.rotations[:, arm, 3] = np.cos(angle / 2), np.sin(angle / 2)
+    danced, gestured = (marks[45:-45] for marks in danced_gestured(pace(motion)))  # the smoothing slows the ends
+    assert not danced.any()
+    assert (gestured.all(), gestured.any()) == (is_gestured, is_gestured)
+
+
 def test_shares_by_class_and_kind() -> None:
     takes = [
         Take("a", "speech", "male, read", moving("leftUpperLeg", 150, 100)),

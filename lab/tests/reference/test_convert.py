@@ -81,6 +81,15 @@ def test_it_moves_from_the_first_chunk_and_can_be_taken_back(bundle, voice):
     assert set(drawn[-1][0, :, 0, 0].tolist()) == {495}
 
 
+def test_a_clip_for_it_lasts_half_a_second_to_twenty(imported, tmp_path, capsys):
+    folder, waving = shutil.copytree(imported, tmp_path / "mine"), clip(SCRIPTS["wave"])
+    for frames, is_refused in (14, True), (15, False), (600, False), (601, True):
+        at = np.arange(frames) % waving.frames
+        write_bvh(tmp_path / "w.bvh", waving.skeleton, waving.rotations[at], waving.root[at], fps=30)
+        assert main(["actions", "add", f"w {frames}", str(tmp_path / "w.bvh"), "--model", str(folder)]) == is_refused
+        assert ("cut it to 0.5 to 20 s" in capsys.readouterr().err) == is_refused
+
+
 def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice, capsys):
     """A set of upper-body codes like the published ones: it holds as a whole, and the generator keeps to it."""
     folder = tmp_path / "mine"

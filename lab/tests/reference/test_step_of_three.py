@@ -45,6 +45,16 @@ def test_its_parts_step_alike(pipeline: Pipeline) -> None:
     assert pipeline.actions["stand"].chunks == 10
 
 
+@pytest.mark.parametrize(("imported_as", "seconds"), [("imported", 0.27), ("in_threes", 0.4)])
+def test_a_step_is_as_long_as_the_page_says(
+    imported_as: str, seconds: float, voice: np.ndarray, request: pytest.FixtureRequest
+) -> None:
+    """docs/reference.md: the motion that a session makes at once, 8 frames of 30 a second, or 12."""
+    with Engine(Pipeline(load_bundle(request.getfixturevalue(imported_as)))).open() as session:
+        session.push(voice[:24_000])
+        assert {round(len(chunk.rotations) / 30, 2) for chunk in list(session)} == {seconds}
+
+
 def test_a_session_gives_twelve_frames_and_goes_back_exactly(pipeline: Pipeline, voice: np.ndarray) -> None:
     """Cut within the third chunk: the model's state, and the motion once the blend has died away, are those of a
     session that never heard the rest."""

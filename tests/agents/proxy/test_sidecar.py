@@ -4,8 +4,9 @@ import asyncio
 import base64
 import contextlib
 import json
+from collections.abc import AsyncIterator
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import AsyncMock, Mock
 
 import numpy as np
 import pytest
@@ -359,3 +360,32 @@ async def test_a_flood_of_events_leaves_the_event_loop_to_others() -> None:
         await asyncio.sleep(0)
     assert 900 < len(sidecar._queue) < 1_000
     reading.cancel()
+
+
+async def test_an_avatar_that_is_down_is_tried_again_after_half_a_second_to_fifteen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Ten connections are refused, one is made and lost, and one more is refused; nothing really waits."""
+    waits: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        if len(waits) == 12:
+            raise asyncio.CancelledError
+
+    @contextlib.asynccontextmanager
+    async def reach(*_: object, **__: object) -> AsyncIterator[None]:
+        if len(waits) != 10:
+            raise ConnectionRefusedError
+        yield
+
+    client = AsyncMock(transport=Mock(get_write_buffer_size=lambda: 0))
+    sidecar = AvatarSidecar(ProxySettings("ws://x", avatar="127.0.0.1:9"), client=client, upstream=Mock())
+    sidecar._upstream_spoke.set()
+    monkeypatch.setattr(sidecar, "_serve", AsyncMock(side_effect=ConnectionResetError))
+    monkeypatch.setattr("echoavatar.agents.proxy.sidecar.connect", reach)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    with pytest.raises(asyncio.CancelledError):
+        await sidecar.run()
+    assert waits == [0.5, 1, 2, 4, 8, *[15] * 5, 0.5, 1]
+    assert client.send.await_count == 12  # each failure is told

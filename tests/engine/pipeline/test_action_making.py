@@ -29,9 +29,19 @@ def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(tokenizer: Bo
     assert len(ActionLibrary.load(tmp_path, 8)["nod_twice"].codes) == 2 * action.chunks
 
 
+def still(frames: int) -> Motion:
+    return Motion(HUMANOID, np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1)), np.zeros((frames, 3), np.float32), 30.0)
+
+
 @pytest.mark.parametrize(("frames", "name", "complaint"), [(9, "jump", "0.3 s"), (60, "a/b", "cannot name")])
 def test_invalid_clips_are_refused(tokenizer: BodyTokenizer, frames: int, name: str, complaint: str) -> None:
-    still = np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1))
-    motion = Motion(HUMANOID, still, np.zeros((frames, 3), np.float32), 30.0)
     with pytest.raises(MotionError, match=complaint):
-        action_from_motion(tokenizer, name, motion)
+        action_from_motion(tokenizer, name, still(frames))
+
+
+def test_a_clip_may_last_half_a_second_to_twenty(tokenizer: BodyTokenizer) -> None:
+    for frames in (15, 600):
+        assert action_from_motion(tokenizer, "rest", still(frames)).chunks == -(-frames // 8)
+    for frames in (14, 601):
+        with pytest.raises(MotionError, match="cannot be an action"):
+            action_from_motion(tokenizer, "rest", still(frames))

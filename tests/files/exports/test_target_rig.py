@@ -137,13 +137,17 @@ def feet(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return motion.pose().positions[:, joints], rest[joints][..., 1]
 
 
-def test_planted_feet_stand_on_the_floor_and_stay_there(put: tuple[Rig, Motion], take: Take) -> None:
+def test_planted_feet_stand_on_the_floor_and_stay_there(
+    put: tuple[Rig, Motion], take: Take, request: pytest.FixtureRequest
+) -> None:
     _, motion = put
     contacts = foot_contacts(take.motion)
     assert 0.7 < contacts.mean() < 0.95
     places, rest = feet(motion)
     over = places[..., 1] - rest
-    assert np.abs(over[contacts]).max() < 0.005
+    table = {"child": 0.002, "tall": 0.004, "longarm": 0.003}  # docs/integrations/exports.md, to a millimetre
+    off = table[request.node.callspec.params["put"]]
+    assert np.abs(over[contacts]).max() == pytest.approx(off, abs=6e-4)
     assert over.min() > -0.005
     still = contacts[1:] & contacts[:-1]
     slid = np.linalg.norm(np.diff(places[..., [0, 2]], axis=0), axis=-1)

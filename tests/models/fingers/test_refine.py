@@ -128,6 +128,14 @@ def test_smoothing_keeps_parabolas_and_takes_jitter() -> None:
     assert np.array_equal(smoothed(curve[:2]), curve[:2])
 
 
+def test_smoothing_reaches_over_three_tenths_of_a_second() -> None:
+    """What a single pose of 30 a second changes, itself among it."""
+    poses = np.zeros((61, 2, 3), np.float32)
+    poses[30] = 1
+    changed = np.flatnonzero(smoothed(poses)[:, 0, 0])
+    assert (len(changed) / 30, changed.mean()) == (pytest.approx(0.3), 30)
+
+
 def test_rates_hold_the_last_pose() -> None:
     poses = np.tile(np.arange(4.0)[:, None, None], (1, 2, 3))
     fast = at_rate(poses, 60.0, 9)

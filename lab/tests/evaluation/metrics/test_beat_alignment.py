@@ -161,6 +161,17 @@ def test_a_beat_must_be_slow_but_above_a_share_of_the_mean(form: GestureForm) ->
     assert np.abs(found % 1 - 0.5).max() < 0.05
 
 
+@pytest.mark.parametrize(("apart", "found"), [(6, 1), (7, 1), (8, 2)])
+def test_of_two_minima_within_seven_frames_the_lower_is_a_beat(apart: int, found: int) -> None:
+    """A joint slows down twice in 20 s, to 0.6 and to 0.5 of its pace, for two frames each."""
+    pace = np.ones(600)
+    pace[300:302], pace[300 + apart : 302 + apart] = 0.6, 0.5
+    moving = np.zeros((600, 1, 3))
+    moving[:, 0, 0] = np.cumsum(pace) / 30
+    (beats,) = gesture_beats(moving, "fixed", mean_speeds(moving))
+    assert len(beats) == found
+
+
 def test_the_index_quirk_tests_the_threshold_60_frames_too_early() -> None:
     """A joint slow for its first 10 s: `fixed` finds its late minima, `emage` loses the first two seconds of them."""
     t = np.arange(600) / 30

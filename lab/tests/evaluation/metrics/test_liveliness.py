@@ -58,6 +58,14 @@ def test_a_hand_that_flies_off_at_an_arm_length_a_second() -> None:
     assert lively.novelty(paths, FPS) == pytest.approx(3.1 / math.sqrt(6), rel=1e-2)
 
 
+def test_room_is_that_of_20_seconds_in_stretches_10_seconds_apart() -> None:
+    """40 s at rest, but the left hand is in three more cubes in second 25: in two of three stretches."""
+    hands = np.full((40 * FPS, 2, 3), 0.15 / 2)
+    for number in range(3):
+        hands[25 * FPS + 5 * number :, 0, 0][:5] += 0.15 * (number + 1)
+    assert lively.room(hands, FPS) == pytest.approx(2 + 3 * 2 / 3)
+
+
 def test_hands_at_work_need_both() -> None:
     """Circles of 0.1 arm lengths, one a second: 0.628 arm lengths a second, of which the smoothing leaves 0.978."""
     points = standing()
