@@ -31,7 +31,7 @@ from echoavatar.wire.messages import Sound
 
 @pytest.fixture
 def talk(tmp_path: Path) -> Path:
-    soundfile.write(tmp_path / "talk.wav", np.full(44_100, 0.2, np.float32), 44_100)
+    soundfile.write(tmp_path / "talk.wav", 0.2 * np.sin(np.arange(44_100, dtype=np.float32)), 44_100)
     return tmp_path / "talk.wav"
 
 

@@ -4,6 +4,7 @@ Names are those of the present protocol (`response.output_audio.delta`) and of i
 (`response.audio.delta`), which others still use. A field of an unexpected type counts as absent.
 """
 
+import codecs
 import json
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,6 +12,7 @@ from math import isfinite
 from typing import Any
 
 import msgspec
+from pydantic_core import from_json
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import from_base64, read_json
@@ -68,7 +70,8 @@ def read(message: str | bytes) -> Event | None:
             return None
         with suppress(msgspec.DecodeError):
             return _DECODER.decode(raw)
-        return msgspec.convert(json.loads(raw), Event, strict=False)  # Python's servers write NaN, others a mark first
+        plain = from_json(raw.removeprefix(codecs.BOM_UTF8))  # Python's servers write NaN, others a mark first
+        return msgspec.convert(plain, Event, strict=False)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None
 

@@ -225,9 +225,11 @@ TELLS: Table = {
 """Each statistic; distances are in arm lengths and speeds in arm lengths a second, unless the name says otherwise."""
 
 SHARING: Table = {
-    "hands: one-handed strokes": _one_handed,
-    **{name: TELLS[name] for name in (*list(TELLS)[:3], "hands: unequal within 3 s", "hold: a minute")},
-    "trunk: moves with hands": TELLS["trunk: moves with hands"],
+    name: TELLS[name]
+    for name in (
+        *("hands: one-handed strokes", *list(TELLS)[:3], "hands: unequal within 3 s", "hold: a minute"),
+        "trunk: moves with hands",
+    )
 }
 """Statistics that say at which stage between a corpus and the screen hands lose what people do (`evaluation.codes`)."""
 
