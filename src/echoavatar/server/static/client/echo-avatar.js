@@ -1,1 +1,1 @@
-export{c as EchoAvatarElement}from"./client-1mza9I5k.js";
+export{st as EchoAvatarElement}from"./client-D-t6z1Y8.js";
