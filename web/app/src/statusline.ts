@@ -15,6 +15,7 @@ export class StatusLine {
   private isBusy = false;
   private waiting = ""; // what is said instead while the server is full
   private isOpen = false; // the line
+  private at = NaN; // sample of the last picture
   private last: protocol.MotionMessage["state"] = "speaking";
 
   constructor(session: EchoSession, private readonly actions: ActionPanel, private readonly sources: SourceBar) {
@@ -33,7 +34,9 @@ export class StatusLine {
 
   /** Call once per display frame. */
   show(picture: Picture | null): void {
-    if (!picture || this.waiting || (picture.held && !this.isOpen)) return this.say(this.waiting);
+    const isOver = !this.isOpen && picture?.at === this.at; // all that had come before the line broke was shown
+    this.at = picture?.at ?? NaN;
+    if (!picture || this.waiting || isOver) return this.say(this.waiting);
     const { state } = picture;
     const speaking = this.sources.isSpeaking(picture);
     const acting = state === "acting" && this.isBusy; // sound may go on under an action

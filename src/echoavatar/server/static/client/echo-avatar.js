@@ -1,1 +1,1 @@
-export{st as EchoAvatarElement}from"./client-D-t6z1Y8.js";
+export{c as EchoAvatarElement}from"./client-J7wVaZCs.js";

@@ -1,1 +1,1 @@
-export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-D-t6z1Y8.js";
+export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-J7wVaZCs.js";

@@ -1,1 +1,1 @@
-export{n as followRoom}from"./client-D-t6z1Y8.js";
+export{n as followRoom}from"./client-J7wVaZCs.js";

@@ -1,1 +1,1 @@
-export{t as followBot}from"./client-D-t6z1Y8.js";
+export{t as followBot}from"./client-J7wVaZCs.js";
