@@ -2,7 +2,7 @@
 
 A namespace of Linux gets what compose.yaml says: a file system that is read-only, its tmpfs, no capabilities. The user
 owns nothing, and has neither a name nor a home, as with `docker run --user 12345`. Each case takes more away. Kernels
-that were compiled beside the package are read there; `--cold` hides them, and each command compiles for a minute.
+that were compiled beside the package are read there; `--cold` hides them, and each command compiles for about a minute.
 Prints one line a command; exits with status 1 if one fails. Needs root, unshare and setpriv.
 """
 

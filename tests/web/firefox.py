@@ -21,6 +21,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 XVFB = shutil.which("Xvfb")
+PULSEAUDIO = shutil.which("pulseaudio")
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 START_S = 60.0
 ANSWER_S = 120.0
@@ -42,7 +43,10 @@ KEYS = {"Escape": "\ue00c", "Enter": "\ue007"}
 
 
 class Firefox:
-    """Firefox with a profile of its own, on the display that is there or on one in memory. Headless it has no WebGL."""
+    """Firefox with a profile of its own, on the display that is there or on one in memory. Headless it has no WebGL.
+
+    On a machine without a sound device it plays into one of PulseAudio's that nobody hears.
+    """
 
     def __init__(self, port: int) -> None:
         if FIREFOX is None or not ("DISPLAY" in os.environ or XVFB):
@@ -55,9 +59,12 @@ class Firefox:
         lines = [f'user_pref("{name}", {json.dumps(value)});' for name, value in preferences.items()]
         (Path(self._profile.name) / "user.js").write_text("\n".join(lines))
         words = [FIREFOX, "--no-remote", "--profile", self._profile.name]
+        is_silent = not Path("/dev/snd").exists()
+        self.has_sound = not is_silent or PULSEAUDIO is not None
+        sound = self._opened.enter_context(_sound_device()) if is_silent and self.has_sound else {}
         self._process = subprocess.Popen(
             [*words, "--remote-debugging-port", str(port)],
-            env={**os.environ, "DISPLAY": os.environ.get("DISPLAY") or self._opened.enter_context(_display())},
+            env={**os.environ, **sound, "DISPLAY": os.environ.get("DISPLAY") or self._opened.enter_context(_display())},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -132,11 +139,36 @@ def _display() -> Iterator[str]:
         process.wait(20)
 
 
+@contextmanager
+def _sound_device() -> Iterator[dict[str, str]]:
+    """A sound device that nobody hears, as the environment in which programs find it."""
+    assert PULSEAUDIO is not None
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        socket = Path(folder) / "socket"
+        modules = ("module-null-sink", f"module-native-protocol-unix socket={socket} auth-anonymous=1")
+        process = subprocess.Popen(
+            [PULSEAUDIO, "-n", "--daemonize=no", "--exit-idle-time=-1", *(f"--load={module}" for module in modules)],
+            env={**os.environ, "HOME": folder, "XDG_RUNTIME_DIR": folder},
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            end = time.monotonic() + START_S
+            while not socket.exists():
+                assert process.poll() is None, "PulseAudio ended at once"
+                assert time.monotonic() < end, "PulseAudio does not answer"
+                time.sleep(0.05)
+            yield {"PULSE_SERVER": f"unix:{socket}"}
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
 class FirefoxPage:
     """A tab of Firefox."""
 
     def __init__(self, firefox: Firefox, width: int, height: int) -> None:
         self._firefox = firefox
+        self.has_sound = firefox.has_sound
         self._context = firefox.ask("browsingContext.create", type="tab")["context"]
         firefox.ask("browsingContext.setViewport", context=self._context, viewport={"width": width, "height": height})
         self._listeners: dict[str, list[Callable[[Any], None]]] = {"console": [], "pageerror": []}

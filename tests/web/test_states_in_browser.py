@@ -44,6 +44,14 @@ HEAD = """(() => {
 })()"""
 
 
+# CSS pixels from the left of the middle of the rings.
+RINGS_X = """(() => {
+  const { camera, echoes } = __echo.viewport;
+  camera.updateMatrixWorld();
+  return ((echoes.mesh.position.clone().project(camera).x + 1) / 2) * innerWidth;
+})()"""
+
+
 def test_before_any_motion_a_person_rests_and_breathes(new_tab, tmp_path):
     async def stream(socket):
         await greeted(socket)
@@ -84,6 +92,7 @@ def test_the_shadow_before_the_avatar_stands_where_it_will_and_under_no_panel(ne
             for name in ("silhouette", "welcome")
         )
         assert welcome["right"] < shadow["left"] or shadow["bottom"] < welcome["top"]
+        driver.wait(f"Math.abs({RINGS_X} - {(shadow['left'] + shadow['right']) / 2}) < {0.03 * width}")
         come.set()
         driver.wait(f"!!__echo.avatar.driver && !__echo.viewport.isGliding && {opacity} < 0.01")
         time.sleep(1)
@@ -117,6 +126,34 @@ def test_before_a_full_server_the_place_in_the_queue_is_told(new_tab, tmp_path):
         assert len(tickets) == 3
         assert len(set(tickets)) == 1
         assert driver.problems == []
+
+
+def test_after_a_broken_line_a_person_rests_and_is_not_said_to_speak(new_tab, tmp_path):
+    clients = []
+
+    async def stream(socket):
+        clients.append(await greeted(socket))
+        await (MockSession(socket).run() if len(clients) == 1 else asyncio.sleep(600))
+
+    driver = new_tab(480, 360)
+    with mocked(stream=stream) as url:
+        driver.open(f"{url}?quality=low")
+        driver.click("[data-source=speech]")
+        driver.wait(f"{SUBTITLE} === 'Speaking'")
+        driver.page.evaluate("__echo.session.connection.socket.close()")
+        driver.wait("document.getElementById('subtitle').classList.contains('off')")
+        driver.wait("__echo.avatar.posture.share === 1")
+        driver.wait(f"{HANGING}[0] > 0.35")
+        driver.shot(tmp_path / "lost.png")
+        assert driver.ask("document.getElementById('line').textContent") == "connecting"
+        assert driver.problems == []
+
+
+def test_the_headline_gives_way_to_a_panel(page):
+    seen = "document.querySelector('.welcome h2').checkVisibility({ visibilityProperty: true })"
+    for is_seen in (False, True):
+        page.click("#meters")
+        page.wait(f"{seen} === {str(is_seen).lower()}")
 
 
 def test_who_has_come_to_stand_has_the_rings_around_her(page):

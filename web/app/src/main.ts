@@ -79,6 +79,7 @@ async function start(): Promise<void> {
 }
 
 const EMPTY_MS = 400; // between pictures of the empty stage, which may be drawn by the processor that reads the avatar
+const EMPTY_S = 10; // as if so long had passed: an empty stage is at once where it belongs, and tells nothing of the machine's speed
 
 interface Shown {
   readonly hud: Hud;
@@ -110,7 +111,7 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     if (picture?.state !== "dancing") viewport.settle(seconds);
     viewport.isCheapest = !avatar.ours || detail.isCheapest;
     if (avatar.driver || now - drawn > EMPTY_MS) {
-      viewport.render(seconds);
+      viewport.render(avatar.driver ? seconds : EMPTY_S);
       drawn = now;
     }
     if (avatar.ours && detail.picture(seconds)) void avatar.show(avatar.ours, detail.level).catch(() => detail.restart());

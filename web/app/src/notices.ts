@@ -1,5 +1,7 @@
 /** Toasts, menus, and the subtitle that names what the avatar does. */
 
+import { covered } from "./panels.js";
+
 const element = (id: string) => document.getElementById(id)!;
 const TOAST_MS = 5200;
 
@@ -8,6 +10,7 @@ export function toast(text: string): void {
   box.className = "toast";
   box.textContent = text;
   element("toasts").replaceChildren(box);
+  element("toasts").style.bottom = `${covered().bottom + 10}px`; // above what can be pressed
   setTimeout(() => box.remove(), TOAST_MS);
 }
 
@@ -85,9 +88,10 @@ function place(menu: HTMLElement, anchor: HTMLElement): void {
   menu.style.left = "0"; // the last place leaves too little room to measure in
   const [width, height] = [menu.offsetWidth, menu.offsetHeight];
   const above = at.top - height - 14;
-  const middle = above > 12 ? at.left + at.width / 2 : Infinity; // from the top, menus hang at the edge, beside the body
-  menu.style.left = `${Math.min(Math.max(12, middle - width / 2), innerWidth - width - 12)}px`;
-  menu.style.top = `${above > 12 ? above : at.bottom + 8}px`;
+  const isAbove = above > 12; // the dock's menus reach away from the body, those of the top hang at the edge beside it
+  menu.classList.toggle("above", isAbove);
+  menu.style.left = `${Math.max(12, (isAbove ? at.right : innerWidth - 12) - width)}px`;
+  menu.style.top = `${isAbove ? above : at.bottom + 8}px`;
 }
 
 /** Shows what the avatar is doing until it ends. */

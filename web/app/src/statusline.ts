@@ -14,11 +14,16 @@ export class StatusLine {
   private busyAt = -Infinity; // sample at which there was last something to interrupt
   private isBusy = false;
   private waiting = ""; // what is said instead while the server is full
+  private isOpen = false; // the line
+  private at = NaN; // sample of the last picture
   private last: protocol.MotionMessage["state"] = "speaking";
 
   constructor(session: EchoSession, private readonly actions: ActionPanel, private readonly sources: SourceBar) {
     const line = document.getElementById("line")!;
-    session.on("line", (state) => (line.textContent = this.waiting ? "" : LINES[state]));
+    session.on("line", (state) => {
+      this.isOpen = state === "open";
+      line.textContent = this.waiting ? "" : LINES[state];
+    });
     session.on("error", (error) => {
       if (error.code === "unauthorized") return askToken();
       this.waiting = error.place ? `All places are taken. ${error.place === 1 ? "You are next" : `You are number ${error.place} in the queue`}.` : "";
@@ -29,7 +34,9 @@ export class StatusLine {
 
   /** Call once per display frame. */
   show(picture: Picture | null): void {
-    if (!picture || this.waiting) return this.say(this.waiting);
+    const isOver = !this.isOpen && picture?.at === this.at; // all that had come before the line broke was shown
+    this.at = picture?.at ?? NaN;
+    if (!picture || this.waiting || isOver) return this.say(this.waiting);
     const { state } = picture;
     const speaking = this.sources.isSpeaking(picture);
     const acting = state === "acting" && this.isBusy; // sound may go on under an action

@@ -192,7 +192,8 @@ class Pipeline:
         """
         everyone, state = np.ones(1, np.bool_), self.init_state(1)
         state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
-        with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
+        told = "compiling for this processor, once: about a minute, more on a busy machine"
+        with compilations(lambda: _LOG.warning(told)):
             self.step(np.zeros((1, self.chunk.samples), np.float32), state, ~everyone)
             self._warm_row()
 

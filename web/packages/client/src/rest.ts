@@ -24,6 +24,7 @@ const SWAY: Readonly<Record<string, Turn>> = { spine: [0, 0.012, 0.008], head: [
 const SWAY_S = 11;
 const BLINK_S = { every: 3.7, long: 0.16 };
 const REST_S = 0.8; // from rest into motion
+const HELD_S = 1.5; // a picture that stands still for so long, as after a broken line, gives way to rest
 const LOWERED = 0.986; // of the hips' height: the knees give
 
 /** The least rig that can rest, for a driver that is bound before a session says its own. */
@@ -85,6 +86,8 @@ export class Posture {
   pose: Pose = makePose(RESTING.rig.names.length, RESTING.face.length);
   private rest = new Rest(RESTING);
   private share = 1; // of rest
+  private at = NaN; // sample of the last picture
+  private held = 0; // seconds for which it has been the same
 
   /** For the rig and the face of a session. */
   bind(ready: Pick<ReadyMessage, "rig" | "face">): void {
@@ -94,10 +97,13 @@ export class Posture {
     if (!isSame) [this.pose, this.share] = [makePose(ready.rig.names.length, ready.face.length), 1];
   }
 
-  /** The pose of a picture, or of rest while there is none; `seconds` since the previous one. */
+  /** The pose of a picture, or of rest while there is none or no motion comes; `seconds` since the previous one. */
   show(picture: Picture | null, seconds: number): Pose {
-    this.share = Math.min(1, Math.max(0, this.share + (picture ? -seconds : seconds) / REST_S));
-    if (picture) copyPose(picture.pose, this.pose);
+    this.held = picture?.at === this.at ? this.held + seconds : 0;
+    this.at = picture?.at ?? NaN;
+    const moves = picture !== null && this.held < HELD_S;
+    this.share = Math.min(1, Math.max(0, this.share + (moves ? -seconds : seconds) / REST_S));
+    if (moves) copyPose(picture.pose, this.pose);
     if (this.share > 0) this.rest.apply(this.pose, performance.now() / 1000, smooth(this.share));
     return this.pose;
   }

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import { makePose } from "../src/pose.js";
-import { RESTING, Rest } from "../src/rest.js";
+import { Posture, RESTING, Rest } from "../src/rest.js";
 
 const { names } = RESTING.rig;
 const at = (seconds: number, share = 1) => {
@@ -28,4 +28,18 @@ test("breath goes on, lids close and open, and no share changes nothing", () => 
   expect(Math.max(...lids)).toBeGreaterThan(0.6);
   expect(Math.min(...lids)).toBe(0);
   expect(at(1, 0)).toEqual(makePose(names.length, RESTING.face.length));
+});
+
+test("a picture that stands still for long gives way to rest, and motion takes over again", () => {
+  const posture = new Posture();
+  const moving = { pose: makePose(names.length, RESTING.face.length), state: "speaking" as const, at: 0, held: false };
+  moving.pose.root[1] = 2; // metres; nothing at rest is so high
+  const height = (step: number, seconds: number) => {
+    for (let k = 0; k < 10 * seconds; k++) posture.show({ ...moving, at: (moving.at += step) }, 0.1);
+    return posture.pose.root[1]!;
+  };
+  expect(height(2400, 1)).toBe(2);
+  expect(height(0, 1)).toBe(2);
+  expect(height(0, 2)).toBeLessThan(1.1);
+  expect(height(2400, 1)).toBe(2);
 });

@@ -1,1 +1,1 @@
-export{c as EchoAvatarElement}from"./client-1mza9I5k.js";
+export{c as EchoAvatarElement}from"./client-J7wVaZCs.js";

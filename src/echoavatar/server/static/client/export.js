@@ -1,1 +1,1 @@
-export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-1mza9I5k.js";
+export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-J7wVaZCs.js";

@@ -1,1 +1,1 @@
-export{n as followRoom}from"./client-1mza9I5k.js";
+export{n as followRoom}from"./client-J7wVaZCs.js";

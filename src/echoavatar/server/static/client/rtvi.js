@@ -1,1 +1,1 @@
-export{t as followBot}from"./client-1mza9I5k.js";
+export{t as followBot}from"./client-J7wVaZCs.js";
