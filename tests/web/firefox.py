@@ -225,21 +225,6 @@ class FirefoxPage:
         keys = {"type": "key", "id": "keys", "actions": presses}
         self._firefox.ask("input.performActions", context=self._context, actions=[keys])
 
-    @property
-    def mouse(self) -> SimpleNamespace:
-        """What clicks."""
-        return SimpleNamespace(click=self._click)
-
-    def _click(self, x: int, y: int) -> None:
-        """A click of the mouse, which is a user's to the page."""
-        moves = [
-            {"type": "pointerMove", "x": x, "y": y},
-            {"type": "pointerDown", "button": 0},
-            {"type": "pointerUp", "button": 0},
-        ]
-        mouse = {"type": "pointer", "id": "mouse", "actions": moves}
-        self._firefox.ask("input.performActions", context=self._context, actions=[mouse])
-
     def screenshot(self, path: Path, **_: object) -> None:
         """Write a PNG of what is seen."""
         shot = self._firefox.ask("browsingContext.captureScreenshot", context=self._context)

@@ -302,6 +302,28 @@ def test_a_file_that_cannot_be_read_is_named_with_the_cause(page):
         page.wait(f"{told}.includes('“{name}” ') && {told}.includes('(gone)')")
 
 
+PRESSABLE = """[...document.querySelectorAll("button")].filter((button) => {
+  const [one, other] = [button, document.querySelector(".toast")].map((node) => node.getBoundingClientRect());
+  const isApart = one.right < other.left || one.left > other.right || one.bottom < other.top || one.top > other.bottom;
+  return button.checkVisibility({ visibilityProperty: true }) && !button.closest(".gone") && !isApart;
+}).map((button) => button.id || button.textContent)"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
+def test_what_is_told_covers_nothing_that_can_be_pressed(new_page, mock_url, width, height):
+    """At first, and with the actions shown."""
+    driver = new_page(width, height)
+    driver.open(f"{mock_url}?quality=low")
+    for step in ("", "#begin"):
+        if step:
+            driver.click(step)
+            driver.wait("document.getElementById('actions').checkVisibility()")
+        driver.drop("notes.txt", b"no sound", "text/plain")
+        driver.wait("!!document.querySelector('.toast')")
+        assert driver.ask(PRESSABLE) == []
+        driver.wait("!document.querySelector('.toast')")
+
+
 DRAGGED = """(values) => {
   const node = document.querySelector("#manner input[name=liveliness]");
   for (const value of values) {
