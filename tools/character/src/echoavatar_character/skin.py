@@ -170,28 +170,11 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
     colour = skin * (1 - shadow[..., None]) * (1 + 0.018 * pores[..., None] + 0.02 * mottle[..., None])
     blood = np.array([1.0, 0.80, 0.77])
     colour = colour * (1 + (blood - 1) * np.clip(redness, -0.3, 1.2)[..., None])
-    if person.stubble:
-        beard = (
-            _beard(points, nose, mouth, wide) * (1 - lips) * np.clip((points[..., 2] - mouth[2] + 0.085) / 0.02, 0, 1)
-        )
-        shadow = colour * np.array([0.84, 0.86, 0.88])  # roots below the skin look bluish
-        colour = colour + (shadow - colour) * (0.32 * beard)[..., None]
-        share = beard * person.stubble * np.clip(0.24 + 0.10 * atlas.noise(points, 0.0007, 5), 0, 1)
-        colour = colour + (np.array(person.hair) / 255 * 0.8 - colour) * share[..., None]
     lip = np.array(person.lips) / 255 * (1 + 0.05 * atlas.noise(points * [1, 0.25, 1], 0.0012, 4)[..., None])
     colour = colour + (lip - colour) * (lips * 0.82)[..., None]
     colour = colour + (skin * [1.04, 0.93, 0.92] - colour) * (nails * 0.8)[..., None]
     gum = np.array([0.48, 0.20, 0.20])
     return np.asarray(colour + (gum - colour) * inside[..., None])
-
-
-def _beard(points: Field, nose: Field, mouth: Field, wide: float) -> Field:
-    """Where a beard grows, 0 to 1: below a line from the nose over the cheek up to the ear, down to the throat."""
-    across = np.abs(points[..., 0])
-    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.006, mouth[1] - 0.014, mouth[1] - 0.008, mouth[1] + 0.03]
-    line = np.interp(across, [0, 0.016, 0.7 * wide + 0.008, 0.045, 0.060, 0.072], above)
-    grown = np.clip((line - points[..., 1]) / 0.022, 0, 1) * np.clip((points[..., 1] - mouth[1] + 0.085) / 0.02, 0, 1)
-    return np.asarray(grown * grown * (3 - 2 * grown))
 
 
 def _nose(body: Body) -> Float[np.ndarray, " 3"]:

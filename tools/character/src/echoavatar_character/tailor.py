@@ -137,9 +137,10 @@ def _top(cloth: Cloth) -> Picture:
             picture = _dotted(
                 picture, points[..., 0] + 10 * (1 - front * trunk), y - 1.335 + 0.060 * row, 0.0052, second
             )
-        pocket = np.maximum(np.abs(points[..., 0] - 0.078) - 0.046, np.abs(y - 1.245) - 0.052)
+        beside = np.abs(points[..., 0] - 0.072) - 0.038
+        pocket = np.maximum(beside, np.abs(y - 1.226) - 0.046)
         picture = _stitched(picture, -pocket, front * trunk, thread)
-        picture = _stitched(picture, -np.maximum(np.abs(points[..., 0] - 0.078) - 0.046, np.abs(y - 1.284) - 0.013),
+        picture = _stitched(picture, -np.maximum(beside, np.abs(y - 1.260) - 0.012),
                             front * trunk * (pocket < 0.001), thread)  # fmt: skip
         picture = _over(picture, cuff, (worn.pattern == "plain") * on_arm * _within(to_wrist, -1, own.cuff + 0.058))
         picture = _stitched(picture, to_wrist - own.cuff - 0.058, on_arm, thread)
