@@ -26,7 +26,7 @@ HEM, ANKLE = 1.035, 0.072
 GAP = 0.007  # metres between trousers and what is over or under them
 ARM_NAMES = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
 AXIS = -0.005  # of the trunk: its z
-TUCK = (0.055, 0.04)  # metres above the hem where a top comes out of the waistband, and over how many it does
+TUCK = (0.070, 0.055)  # metres above the hem where a top comes out of the waistband, and over how many it does
 MOST_TAKEN = 0.024  # metres that trousers are drawn in below a jacket, or hips stand out like a shelf
 FLARE = 0.010  # metres that the hem of a jacket stands farther out than its chest
 TAPER = 0.20  # metres above the hem over which cloth comes in to the waist
@@ -113,6 +113,8 @@ def top(body: Body, cloth: Surface) -> Surface:
     near_neck = np.clip(neckline(places, body) / 0.06, 0, 1)
     above = (places[:, 1] - HEM - 0.062) / 0.022
     loose = loose * (0.35 + 0.65 * edge) * (0.4 + 0.6 * near_neck)
+    if own.straight:  # or a belly hangs over the belt
+        loose = loose * np.where(arm > 0.5, 1, 0.3 + 0.7 * np.clip((places[:, 1] - HEM - 0.06) / 0.14, 0, 1))
     blouse = np.exp(-(above**2)) * (arm < 0.5) * own.blouse
     if own.jacket:  # it stands off the waist, or hips stand out like a shelf
         blouse += FLARE * np.clip((HEM + 0.12 - places[:, 1]) / 0.12, 0, 1) * (arm < 0.5)
@@ -161,7 +163,7 @@ def collar(body: Body, top: Surface) -> Surface:
     front = np.clip((np.cos(at) - 0.55) / 0.45, 0, 1)
     aside = np.degrees(np.minimum(at, 2 * np.pi - at))
     stand = 0.026 - 0.006 * front
-    fall = np.interp(aside, [7, 31, 80, 110], [0.030, 0.078, 0.046, 0.042])  # straight to its points and from them
+    fall = np.interp(aside, [7, 24, 80, 110], [0.034, 0.084, 0.046, 0.042])  # straight to its points and from them
     rows: list[tuple[Field | float, Field | float]]
     rows = [(-0.004, -0.006), (-0.001, 0.3 * stand), (-0.006, 0.7 * stand), (-0.010, stand), (-0.0065, stand + 0.003)]
     rows += [
@@ -320,7 +322,7 @@ def _straight(places: Points, quads: Int[np.ndarray, "f 4"], arm: Field, body: B
     high = table[(heights > CHEST[0] + 0.01) & (heights < CHEST[1] - 0.03)].mean(0)
     low, high = (gaussian_filter(each, 2.0, mode="wrap") for each in (low, high))
     up = ((heights - HEM) / (CHEST[1] - HEM - 0.03)).clip(0, 1)[:, None]
-    hung = low + (high - low) * up + 0.004 * np.sin(np.pi * up)
+    hung = low + (high - low) * up
     radius, _ = _round(places)
     share = np.clip((0.60 - arm) / 0.25, 0, 1) * np.clip((CHEST[1] - places[:, 1]) / (CHEST[1] - CHEST[0]), 0, 1)
     share = share * (places[:, 1] < CHEST[1])
@@ -335,7 +337,7 @@ def _sloped(places: Points, body: Body) -> Points:
     for side in ("left", "right"):
         joint = body.joint(side + "UpperArm")
         beside = np.clip((places[:, 0] * np.sign(joint[0]) - 0.09) / (abs(joint[0]) - 0.07), 0, 1)
-        above = np.clip((places[:, 1] - joint[1] + 0.10) / 0.10, 0, 1)
+        above = np.clip((places[:, 1] - joint[1] + 0.07) / 0.07, 0, 1)
         out[:, 1] -= SLOPE * beside * beside * (3 - 2 * beside) * above
     return out
 

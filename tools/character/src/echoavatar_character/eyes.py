@@ -20,7 +20,6 @@ ACROSS, UPWARDS = 0.52, 0.42  # radians of a full look
 TOE_IN = 0.022  # radians: at rest both eyes look at someone 1.4 m away
 LINE, STRANDS = 16, 30  # pieces of the dark line at the lid, and lashes
 LIFT = 0.0019  # metres that lashes stand off the lid, or they sink into it
-SHORT = 0.8  # lashes up to this length are the dark line alone: single strands would look like dots
 BASE = 0.026  # half the width of a lash at its root, as a share of the lid
 
 
@@ -114,7 +113,7 @@ def lashes(body: Body, side: str) -> Surface:
         root, tip = _along(roots, 0.02 + 0.96 * share), _along(tips, 0.02 + 0.96 * share)
         line += [root, root + (tip - root) * np.interp(share, [0, 0.3, 0.8, 1], [0.08, 0.22, 0.30, 0.16])]
     add(line, [(2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1) for i in range(LINE)])
-    for i in range(STRANDS if body.person.lash_length > SHORT else 0):
+    for i in range(STRANDS):
         share = (i + rng.uniform(0.3, 0.7)) / STRANDS
         before, after = (_along(roots, np.clip(0.03 + 0.95 * share + d, 0, 1)) for d in (-BASE, BASE))
         root = (before + after) / 2

@@ -17,6 +17,7 @@ STRIPS = 4  # kinds of strands side by side in the picture: ribbons, and last th
 COMB = 0.40  # radians round the head that a strip of the cap covers
 FRINGE = 0.028  # metres above the hairline over which the cap becomes dense
 BUN = np.array([0.0, 0.012, -0.165])  # from between the eyes, in metres
+APART = 0.010  # metres farther out than its neighbours at which a ribbon is left out
 PART = 0.022  # metres: where hair parts, on the left
 
 
@@ -67,7 +68,8 @@ def hairline(points: Float[np.ndarray, "v 3"], body: Body) -> Float[np.ndarray, 
 def scalp_share(body: Body, points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, " v"]:
     """How much the skin is below hair, fading over the hairline; ears are free."""
     high = points[:, 1] > body.joint("head")[1] - 0.07
-    return np.clip(0.5 + hairline(points, body) / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
+    inside = hairline(points, body) - (0.008 if body.person.hair_style == "bob" else 0.0)  # which falls over its line
+    return np.clip(0.5 + inside / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
 
 
 def _ears(body: Body, count: int) -> Float[np.ndarray, " v"]:
@@ -145,7 +147,7 @@ def _bun(body: Body, scalp: Scalp) -> Surface:
 def _cap(body: Body, scalp: Scalp) -> Surface:
     """What closes the gaps between ribbons: strands combed along the style, which end in a fringe at the hairline."""
     height = hairline(scalp.points, body)
-    inside = height > -0.004
+    inside = height > (0.004 if body.person.hair_style == "bob" else -0.004)
     surface = make(scalp.points, scalp.quads, body.one("head", len(scalp.points)), "hair")
     piece = part(surface, inside[scalp.quads].all(1))
     height = hairline(piece.positions, body)
@@ -202,7 +204,19 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
         free &= (hairline(roots, body) > 0.007) | (roots[:, 1] > eye[1] + 0.02)  # a nape is shaved
         rel = np.abs(grown - eye)
         free &= ~((rel[..., 0] > 0.062) & (grown[..., 1] < eye[1] + 0.014) & (rel[..., 2] < 0.125)).any(1)
+    if style == "bob":
+        free &= ~_loose(grown - eye)
     return _strip(body, grown[free], np.stack(outs, 1)[free], layer, rng)
+
+
+def _loose(rel: Float[np.ndarray, "n s 3"]) -> Bool[np.ndarray, " n"]:
+    """Which ribbons hang apart from those beside them, like a wire; places are from between the eyes."""
+    far, turn = np.hypot(rel[..., 0], rel[..., 2] + 0.085), np.arctan2(rel[..., 0], rel[..., 2] + 0.085)
+    cells = np.stack([np.floor(turn / 0.25), np.floor(rel[..., 1] / 0.02)], -1).reshape(-1, 2)
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    cell = cell.reshape(far.shape)
+    usual = np.array([np.median(far[cell == each]) for each in range(cell.max() + 1)])
+    return ((far - usual[cell] > APART) & (rel[..., 1] < 0.02)).any(1)
 
 
 def _on_face(points: Float[np.ndarray, "n s 3"], eye: Float[np.ndarray, " 3"], high: float) -> Bool[np.ndarray, "n s"]:
@@ -298,7 +312,7 @@ def _strip(
     across = np.cross(along, outs)
     across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-9)
     share = np.linspace(0, 1, steps)
-    root = 0.35 if body.person.hair_style == "short" else 0.75
+    root = 0.20 if body.person.hair_style == "short" else 0.75
     shape = np.interp(share, [0, 0.15, 0.6, 1], [root, 1.0, 1.0, 0.62])
     tilt = rng.uniform(-0.35, 0.35, (count, 1, 1))
     half = across * (layer.width / 2 * rng.uniform(0.75, 1.2, (count, 1, 1))) * shape[None, :, None]

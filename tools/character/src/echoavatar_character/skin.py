@@ -23,6 +23,7 @@ BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres
 HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
 ROUGH = 0.64  # of skin that does not shine
 RELIEF = 1.5  # texels, of a height of 1
+BARE = 0.7  # as long as these lashes is the line of an eye whose own are only painted
 LINER = 0.0011  # metres: half the width of the dark line that lashes make on the lid
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
@@ -238,9 +239,9 @@ def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
         line = np.stack([np.interp(share, at, roots[:, i]) for i in range(3)], 1)
         near = np.linalg.norm(points - eye.middle, axis=-1) < 1.7 * eye.radius
         far, which = cKDTree(line).query(points[near])
-        wide = LINER * body.person.lash_length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
+        wide = LINER * (body.person.lash_length or BARE) * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
         shade[near] = np.maximum(shade[near], np.clip(1.5 - far / wide, 0, 1))
-    return shade * min(1.0, body.person.lash_length)
+    return shade * min(1.0, body.person.lash_length or BARE)
 
 
 def _sample(picture: Float[np.ndarray, "h w"], uv: Float[np.ndarray, "h w 2"]) -> Float[np.ndarray, "h w"]:

@@ -272,7 +272,7 @@ def _collar(worn: Outfit, high: int, wide: int) -> Picture:
     down = np.linspace(-0.08, 1.08, high)[:, None] * np.ones((1, wide))
     across = np.abs(np.linspace(-1.08, 1.08, wide))[None, :] * np.ones((high, 1))
     picture = np.ones((high, wide, 3)) * np.array(worn.collar or worn.top) / 255
-    picture = picture * (1 - 0.28 * np.exp(-(((down - 0.80) / 0.012) ** 2)))[..., None]
+    picture = picture * (1 - 0.28 * np.exp(-(((down - 0.95) / 0.010) ** 2)))[..., None]
     picture = picture * (1 - 0.28 * np.exp(-(((across - 0.975) / 0.008) ** 2)) * (down > 0.4))[..., None]
     return gaussian_filter(picture, (0.5, 0.5, 0))
 
