@@ -126,7 +126,7 @@ def top(body: Body, cloth: Surface) -> Surface:
     over = own.jacket * np.clip((opening(places, body) + 0.002) / 0.006, 0, 1)
     places = places + out * (loose + blouse + over + folds * edge)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
-    weights = _shoulders(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
+    weights = _shoulders(_calmed(smoothed(piece.weights, piece.quads, 3, 0.5), piece.quads), places, body)
     shade = 1 + 0.02 * noise(places, 0.05, 22)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
     return charted(hemmed(piece, 0.003, 0.011), "cloth")
@@ -163,7 +163,7 @@ def collar(body: Body, top: Surface) -> Surface:
     front = np.clip((np.cos(at) - 0.55) / 0.45, 0, 1)
     aside = np.degrees(np.minimum(at, 2 * np.pi - at))
     stand = 0.026 - 0.006 * front
-    fall = np.interp(aside, [7, 24, 80, 110], [0.034, 0.084, 0.046, 0.042])  # straight to its points and from them
+    fall = np.interp(aside, [7, 23, 80, 110], [0.032, 0.094, 0.048, 0.042])  # straight to its points and from them
     rows: list[tuple[Field | float, Field | float]]
     rows = [(-0.004, -0.006), (-0.001, 0.3 * stand), (-0.006, 0.7 * stand), (-0.010, stand), (-0.0065, stand + 0.003)]
     rows += [
@@ -183,7 +183,7 @@ def collar(body: Body, top: Surface) -> Surface:
         out = normals(top.positions, top.quads)[near]
         gap = ((grid - top.positions[near]) * out).sum(1, keepdims=True)
         grid = grid + fallen * out * np.maximum(0.012 - gap, 0)
-    grid = smoothed(grid, quads, 1, 0.4)
+    grid = smoothed(grid, quads, 1, 0.4 * (np.arange(len(grid)) < len(grid) - count))  # points stay sharp
     weights = top.weights[cKDTree(top.positions).query(grid)[1]]
     weights = smoothed(weights, quads, 12, 0.5)
     share = (np.arange(len(grid)) % count / (count - 1), np.arange(len(grid)) // count / (len(rows) - 1))
@@ -195,6 +195,16 @@ def collar(body: Body, top: Surface) -> Surface:
 def _hem(points: Points) -> Field:
     """The height where the top ends: lower behind than in front, where thighs are raised."""
     return HEM + 0.015 * np.clip(points[:, 2] / 0.1, -1, 1)
+
+
+def _calmed(weights: Float[np.ndarray, "v j"], quads: Int[np.ndarray, "f 4"]) -> Float[np.ndarray, "v j"]:
+    """Weights whose collar bones fade over the chest, or straight seams bend where they end."""
+    bones = [fit.NAMES.index(f"{side}Shoulder") for side in ("left", "right")]
+    weights, before = weights.copy(), weights[:, bones]
+    weights[:, bones] = smoothed(before, quads, 30, 0.5 * np.clip(1 - 3 * _arm(weights), 0, 1))
+    weights[:, fit.NAMES.index("upperChest")] += (before - weights[:, bones]).sum(1)
+    weights = np.maximum(weights, 0)
+    return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
 def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:

@@ -199,7 +199,7 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
             lines.append(at)
             outs.append(out)
     grown = np.stack(lines, 1)
-    free = ~_on_face(grown, eye, front + (0.001 if style == "short" else -0.008)).any(1)
+    free = ~_on_face(grown, eye, front + (0.004 if style == "short" else -0.008)).any(1)
     if style == "short":  # cut round the ears
         free &= (hairline(roots, body) > 0.007) | (roots[:, 1] > eye[1] + 0.02)  # a nape is shaved
         rel = np.abs(grown - eye)
