@@ -163,7 +163,7 @@ THEO = Person(
         "torso/torso-vshape-decr": 0.8,
         "torso/measure-waist-circ-incr": 0.9,
         "torso/measure-bust-circ-decr": 0.4,
-        "arms/@upperarm-shoulder-muscle-incr": 0.85,
+        "arms/@upperarm-shoulder-muscle-incr": 1.0,
         "head/head-square": 0.2,
         "chin/chin-width-incr": 0.15,
         "eyebrows/eyebrows-trans-down": 0.2,
