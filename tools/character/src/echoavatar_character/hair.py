@@ -69,7 +69,8 @@ def hairline(points: Float[np.ndarray, "v 3"], body: Body) -> Float[np.ndarray, 
 def scalp_share(body: Body, points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, " v"]:
     """How much the skin is below hair, fading over the hairline; ears are free."""
     high = points[:, 1] > body.joint("head")[1] - 0.07
-    return np.clip(0.5 + (hairline(points, body) - 0.5 * _bare_temples(points, body)) / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
+    inside = hairline(points, body) - 0.5 * _bare_temples(points, body)
+    return np.clip(0.5 + inside / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
 
 
 def _ears(body: Body, count: int) -> Float[np.ndarray, " v"]:

@@ -55,7 +55,7 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         rows.append(np.stack([place[:, 0] + out[:, 0] * shift, y, place[:, 1] + out[:, 1] * shift], 1))
         dark = 1 - 0.32 * (np.abs(phase) ** 6 * (v > 0.2))
         tone = (GUM + (WHITE - GUM) * white) * dark[:, None]
-        shade = (1 if upper else 0.86) # the lip is above the lower row
+        shade = 1 if upper else 0.86  # the lip is above the lower row
         inside = BACK if depth < -0.002 else 1 - from_middle[:, None] ** 1.6 * SIDES
         tints.append(tone * inside * shade)
     points, count = np.concatenate(rows), len(share)

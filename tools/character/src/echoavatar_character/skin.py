@@ -232,6 +232,7 @@ def _brows(body: Body, points: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, 
 def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
     """How dark the roots of the lashes make the edge of the upper lid, 0 to 1."""
     shade = np.zeros(points.shape[:2])
+    length = body.person.lash_length or BARE
     for side, eye in body.eyes.items():
         roots, _ = lash_lines(body, side)
         share = np.linspace(0, 1, 80)
@@ -239,9 +240,9 @@ def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
         line = np.stack([np.interp(share, at, roots[:, i]) for i in range(3)], 1)
         near = np.linalg.norm(points - eye.middle, axis=-1) < 1.7 * eye.radius
         far, which = cKDTree(line).query(points[near])
-        wide = LINER * (body.person.lash_length or BARE) * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
+        wide = LINER * length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
         shade[near] = np.maximum(shade[near], np.clip(1.5 - far / wide, 0, 1))
-    return shade * min(1.0, body.person.lash_length or BARE)
+    return shade * min(1.0, length)
 
 
 def _sample(picture: Float[np.ndarray, "h w"], uv: Float[np.ndarray, "h w 2"]) -> Float[np.ndarray, "h w"]:
