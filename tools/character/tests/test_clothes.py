@@ -69,3 +69,20 @@ def _apart(inner: Points, over: Points) -> float:
     out = flat / np.linalg.norm(flat, axis=1, keepdims=True)
     near = cKDTree(over).query(inner)[1]
     return float(np.percentile(((inner - over[near]) * out).sum(1), 98))
+
+
+def test_a_shirt_falls_straight_from_the_chest_to_the_belt() -> None:
+    """No fold below the chest and no belly: over 14 cm its front keeps within 6 mm of a line."""
+    own = make_body(PEOPLE["theo"])
+    points = clothes.top(own, clothes.tights(own)).positions
+    low, high = clothes.HEM + 0.075, clothes.CHEST[0]
+    front = (np.abs(points[:, 0]) < 0.08) & (points[:, 2] > 0.05) & (points[:, 1] > low) & (points[:, 1] < high)
+    table = np.stack([points[front, 1], points[front, 0] ** 2, np.ones(front.sum())], 1)
+    away = points[front, 2] - table @ np.linalg.lstsq(table, points[front, 2], rcond=None)[0]
+    assert np.abs(away).max() < 0.006
+
+
+def test_shoulders_fall_from_the_neck_outwards(body: Body) -> None:
+    points = clothes.top(body, clothes.tights(body)).positions
+    inner, outer = (points[np.abs(points[:, 0] - x) < 0.01, 1].max() for x in (0.09, 0.17))
+    assert inner > outer + 0.015

@@ -26,10 +26,12 @@ HEM, ANKLE = 1.035, 0.072
 GAP = 0.007  # metres between trousers and what is over or under them
 ARM_NAMES = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
 AXIS = -0.005  # of the trunk: its z
-TUCK = (0.055, 0.04)  # metres above the hem where a top comes out of the waistband, and over how many it does
+TUCK = (0.070, 0.055)  # metres above the hem where a top comes out of the waistband, and over how many it does
 MOST_TAKEN = 0.024  # metres that trousers are drawn in below a jacket, or hips stand out like a shelf
 FLARE = 0.010  # metres that the hem of a jacket stands farther out than its chest
 TAPER = 0.20  # metres above the hem over which cloth comes in to the waist
+SLOPE = 0.020  # metres that cloth lies lower on the outer end of a shoulder than the mesh's square one
+CHEST = (1.24, 1.33)  # metres: heights where a straight front begins to follow the chest, and where it does
 
 
 class Cut(NamedTuple):
@@ -39,13 +41,15 @@ class Cut(NamedTuple):
     loose: tuple[float, float]  # from the skin, on trunk and arms
     cuff: float  # from the wrist
     falls: float  # how far cloth hangs from the chest instead of following the trunk, 0 to 1
+    blouse: float = 0.002  # how far cloth stands out above the hem
     collar: bool = False
+    straight: bool = False  # from the chest to the waist: no hollow below the chest, no belly
     jacket: float = 0.0  # how far the open front of a jacket lies over what is worn below
 
 
 CUTS = {
-    "jumper": Cut(True, (0.0060, 0.0038), 0.012, 0.30),
-    "shirt": Cut(True, (0.0090, 0.0060), 0.010, 0.45, collar=True),
+    "jumper": Cut(True, (0.0060, 0.0038), 0.012, 0.30, blouse=0.004),
+    "shirt": Cut(True, (0.0090, 0.0060), 0.010, 0.45, blouse=0.0, collar=True, straight=True),
     "jacket": Cut(False, (0.0075, 0.0060), 0.014, 0.5, jacket=0.0045),
 }
 
@@ -101,14 +105,17 @@ def top(body: Body, cloth: Surface) -> Surface:
     places = _spanned(
         smoothed(piece.positions, piece.quads, 8, 0.5), piece.quads, np.clip(1 - 3 * arm, 0, 1) * own.falls
     )
-    places = _draped(places, arm, body, own.falls)
+    places = _straight(places, piece.quads, arm, body) if own.straight else _draped(places, arm, body, own.falls)
+    places = _sloped(places, body)
     out = normals(places, piece.quads)
     loose = np.where(arm > 0.5, own.loose[1], own.loose[0])
     edge = np.clip(at / 0.05, 0, 1)
     near_neck = np.clip(neckline(places, body) / 0.06, 0, 1)
     above = (places[:, 1] - HEM - 0.062) / 0.022
     loose = loose * (0.35 + 0.65 * edge) * (0.4 + 0.6 * near_neck)
-    blouse = np.exp(-(above**2)) * (arm < 0.5) * (0.004 if own.tucked else 0.002)
+    if own.straight:  # or a belly hangs over the belt
+        loose = loose * np.where(arm > 0.5, 1, 0.3 + 0.7 * np.clip((places[:, 1] - HEM - 0.06) / 0.14, 0, 1))
+    blouse = np.exp(-(above**2)) * (arm < 0.5) * own.blouse
     if own.jacket:  # it stands off the waist, or hips stand out like a shelf
         blouse += FLARE * np.clip((HEM + 0.12 - places[:, 1]) / 0.12, 0, 1) * (arm < 0.5)
     rim = np.zeros(len(places), bool)
@@ -119,7 +126,7 @@ def top(body: Body, cloth: Surface) -> Surface:
     over = own.jacket * np.clip((opening(places, body) + 0.002) / 0.006, 0, 1)
     places = places + out * (loose + blouse + over + folds * edge)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
-    weights = _shoulders(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
+    weights = _shoulders(_calmed(smoothed(piece.weights, piece.quads, 3, 0.5), piece.quads), places, body)
     shade = 1 + 0.02 * noise(places, 0.05, 22)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
     return charted(hemmed(piece, 0.003, 0.011), "cloth")
@@ -152,11 +159,11 @@ def collar(body: Body, top: Surface) -> Surface:
     at = np.linspace(np.radians(7), 2 * np.pi - np.radians(7), 85)
     wrapped = [np.concatenate([values] * 3) for values in (np.hypot(rel[:, 0], rel[:, 2]), rel[:, 1])]
     turns = np.concatenate([turn - 2 * np.pi, turn, turn + 2 * np.pi])
-    far, low = (gaussian_filter(np.interp(at, turns, values), 1.5, mode="nearest") for values in wrapped)
+    far, low = (gaussian_filter(np.interp(at, turns, values), 4.0, mode="nearest") for values in wrapped)
     front = np.clip((np.cos(at) - 0.55) / 0.45, 0, 1)
     aside = np.degrees(np.minimum(at, 2 * np.pi - at))
     stand = 0.026 - 0.006 * front
-    fall = np.interp(aside, [7, 36, 52, 90], [0.026, 0.080, 0.050, 0.042])  # its points
+    fall = np.interp(aside, [7, 23, 80, 110], [0.032, 0.094, 0.048, 0.042])  # straight to its points and from them
     rows: list[tuple[Field | float, Field | float]]
     rows = [(-0.004, -0.006), (-0.001, 0.3 * stand), (-0.006, 0.7 * stand), (-0.010, stand), (-0.0065, stand + 0.003)]
     rows += [
@@ -176,7 +183,7 @@ def collar(body: Body, top: Surface) -> Surface:
         out = normals(top.positions, top.quads)[near]
         gap = ((grid - top.positions[near]) * out).sum(1, keepdims=True)
         grid = grid + fallen * out * np.maximum(0.012 - gap, 0)
-    grid = smoothed(grid, quads, 1, 0.4)
+    grid = smoothed(grid, quads, 1, 0.4 * (np.arange(len(grid)) < len(grid) - count))  # points stay sharp
     weights = top.weights[cKDTree(top.positions).query(grid)[1]]
     weights = smoothed(weights, quads, 12, 0.5)
     share = (np.arange(len(grid)) % count / (count - 1), np.arange(len(grid)) // count / (len(rows) - 1))
@@ -188,6 +195,16 @@ def collar(body: Body, top: Surface) -> Surface:
 def _hem(points: Points) -> Field:
     """The height where the top ends: lower behind than in front, where thighs are raised."""
     return HEM + 0.015 * np.clip(points[:, 2] / 0.1, -1, 1)
+
+
+def _calmed(weights: Float[np.ndarray, "v j"], quads: Int[np.ndarray, "f 4"]) -> Float[np.ndarray, "v j"]:
+    """Weights whose collar bones fade over the chest, or straight seams bend where they end."""
+    bones = [fit.NAMES.index(f"{side}Shoulder") for side in ("left", "right")]
+    weights, before = weights.copy(), weights[:, bones]
+    weights[:, bones] = smoothed(before, quads, 30, 0.5 * np.clip(1 - 3 * _arm(weights), 0, 1))
+    weights[:, fit.NAMES.index("upperChest")] += (before - weights[:, bones]).sum(1)
+    weights = np.maximum(weights, 0)
+    return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
 def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:
@@ -296,30 +313,68 @@ def _gap(places: Points, out: Points, others: Points) -> tuple[Int[np.ndarray, "
 
 def _draped(places: Points, arm: Field, body: Body, strength: float) -> Points:
     """Cloth of the trunk hangs: by `strength` it reaches as far out as what is above it; the waist draws it in."""
-    middle = np.array([0.0, 0.0, -0.005])
-    trunk = (arm < 0.35) & (places[:, 1] < body.joint("neck")[1] - 0.10)
-    turn = np.arctan2(places[:, 0], places[:, 2] - middle[2])
-    radius = np.hypot(places[:, 0], places[:, 2] - middle[2])
-    heights, angles = np.linspace(HEM - 0.02, 1.34, 45), np.linspace(-np.pi, np.pi, 49)
-    table = np.zeros((45, 49))
-    known = cKDTree(np.stack([places[trunk, 1] / 0.02, np.cos(turn[trunk]) * 6, np.sin(turn[trunk]) * 6], 1))
-    for row, height in enumerate(heights):
-        probe = np.stack([np.full(49, height / 0.02), np.cos(angles) * 6, np.sin(angles) * 6], 1)
-        table[row] = radius[trunk][known.query(probe, 5)[1]].mean(1)
+    heights, angles, table = _radii(places, arm, body)
     hung = table.copy()
     for row in range(len(heights) - 2, -1, -1):
         hung[row] = np.maximum(table[row], hung[row + 1] * (0.98 + 0.018 * strength))
     hung = gaussian_filter(hung, (4.5, 2.5), mode=("nearest", "wrap"))
-    spread = RegularGridInterpolator(
-        (heights, angles), hung / np.maximum(table, 1e-3), bounds_error=False, fill_value=1.0
-    )
     share = np.clip((0.35 - arm) / 0.25, 0, 1) * np.clip((1.30 - places[:, 1]) / 0.08, 0, 1)
     if not CUTS[body.person.cut].jacket:
         share = share * np.clip((places[:, 1] - HEM) / TAPER, 0, 1)
-    grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * strength
+    grow = 1 + (_at(hung / np.maximum(table, 1e-3), heights, angles, places) - 1) * share * strength
+    return _widened(places, grow)
+
+
+def _straight(places: Points, quads: Int[np.ndarray, "f 4"], arm: Field, body: Body) -> Points:
+    """Cloth of the trunk runs straight from the chest to the waist, all round, whatever the body below it does."""
+    heights, angles, table = _radii(places, arm, body)
+    low = table[(heights > HEM) & (heights < HEM + 0.03)].mean(0)
+    high = table[(heights > CHEST[0] + 0.01) & (heights < CHEST[1] - 0.03)].mean(0)
+    low, high = (gaussian_filter(each, 2.0, mode="wrap") for each in (low, high))
+    up = ((heights - HEM) / (CHEST[1] - HEM - 0.03)).clip(0, 1)[:, None]
+    hung = low + (high - low) * up
+    radius, _ = _round(places)
+    share = np.clip((0.60 - arm) / 0.25, 0, 1) * np.clip((CHEST[1] - places[:, 1]) / (CHEST[1] - CHEST[0]), 0, 1)
+    share = share * (places[:, 1] < CHEST[1])
+    grow = 1 + (_at(hung, heights, angles, places) / np.maximum(radius, 1e-3) - 1) * share
+    places = _widened(places, grow)
+    return smoothed(places, quads, 12, 0.5 * np.clip((0.6 - arm) / 0.2, 0, 1) * (places[:, 1] < CHEST[1] + 0.06))
+
+
+def _sloped(places: Points, body: Body) -> Points:
+    """Shoulders that fall from the neck to their outer end, where those of the mesh are level."""
     out = places.copy()
-    out[:, [0, 2]] = (places[:, [0, 2]] - middle[[0, 2]]) * grow[:, None] + middle[[0, 2]]
+    for side in ("left", "right"):
+        joint = body.joint(side + "UpperArm")
+        beside = np.clip((places[:, 0] * np.sign(joint[0]) - 0.09) / (abs(joint[0]) - 0.07), 0, 1)
+        above = np.clip((places[:, 1] - joint[1] + 0.07) / 0.07, 0, 1)
+        out[:, 1] -= SLOPE * beside * beside * (3 - 2 * beside) * above
     return out
+
+
+def _radii(places: Points, arm: Field, body: Body) -> tuple[Field, Field, Float[np.ndarray, "h a"]]:
+    """How far cloth of the trunk is from the trunk's axis, in metres, with the heights and the angles of the table."""
+    trunk = (arm < 0.35) & (places[:, 1] < body.joint("neck")[1] - 0.10)
+    radius, turn = (each[trunk] for each in _round(places))
+    heights, angles = np.linspace(HEM - 0.02, 1.34, 45), np.linspace(-np.pi, np.pi, 49)
+    table = np.zeros((45, 49))
+    known = cKDTree(np.stack([places[trunk, 1] / 0.02, np.cos(turn) * 6, np.sin(turn) * 6], 1))
+    for row, height in enumerate(heights):
+        probe = np.stack([np.full(49, height / 0.02), np.cos(angles) * 6, np.sin(angles) * 6], 1)
+        table[row] = radius[known.query(probe, 5)[1]].mean(1)
+    return heights, angles, table
+
+
+def _at(table: Float[np.ndarray, "h a"], heights: Field, angles: Field, places: Points) -> Field:
+    """The values of a table at each place round the trunk."""
+    spread = RegularGridInterpolator((heights, angles), table, bounds_error=False, fill_value=None)
+    return np.asarray(spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), _round(places)[1]], 1)))
+
+
+def _widened(places: Points, grow: Field) -> Points:
+    """Places whose distance from the trunk's axis is multiplied."""
+    axis = np.array([0.0, 0.0, AXIS])
+    return (places - axis) * np.stack([grow, np.ones_like(grow), grow], 1) + axis
 
 
 def _arm(weights: Float[np.ndarray, "v j"]) -> Field:

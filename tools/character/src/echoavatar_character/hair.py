@@ -17,6 +17,8 @@ STRIPS = 4  # kinds of strands side by side in the picture: ribbons, and last th
 COMB = 0.40  # radians round the head that a strip of the cap covers
 FRINGE = 0.028  # metres above the hairline over which the cap becomes dense
 BUN = np.array([0.0, 0.012, -0.165])  # from between the eyes, in metres
+APART = 0.006  # metres that a ribbon may hang farther out than its neighbours
+AXIS = -0.085  # of the head: its z from between the eyes
 PART = 0.022  # metres: where hair parts, on the left
 
 
@@ -60,14 +62,15 @@ HAIRLINES = {
 def hairline(points: Float[np.ndarray, "v 3"], body: Body) -> Float[np.ndarray, " v"]:
     """Height above the hairline in metres: above 0 grows hair."""
     eye = (body.eyes["Left"].middle + body.eyes["Right"].middle) / 2
-    around = np.degrees(np.arctan2(np.abs(points[:, 0] - eye[0]), points[:, 2] - (eye[2] - 0.085)))
+    around = np.degrees(np.arctan2(np.abs(points[:, 0] - eye[0]), points[:, 2] - eye[2] - AXIS))
     return points[:, 1] - eye[1] - np.interp(around, *HAIRLINES[body.person.hair_style])
 
 
 def scalp_share(body: Body, points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, " v"]:
     """How much the skin is below hair, fading over the hairline; ears are free."""
     high = points[:, 1] > body.joint("head")[1] - 0.07
-    return np.clip(0.5 + hairline(points, body) / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
+    inside = hairline(points, body) - 0.5 * _bare_temples(points, body)
+    return np.clip(0.5 + inside / 0.020, 0, 1) * high * (1 - _ears(body, len(points)))
 
 
 def _ears(body: Body, count: int) -> Float[np.ndarray, " v"]:
@@ -145,7 +148,7 @@ def _bun(body: Body, scalp: Scalp) -> Surface:
 def _cap(body: Body, scalp: Scalp) -> Surface:
     """What closes the gaps between ribbons: strands combed along the style, which end in a fringe at the hairline."""
     height = hairline(scalp.points, body)
-    inside = height > -0.004
+    inside = height > _bare_temples(scalp.points, body) - 0.004
     surface = make(scalp.points, scalp.quads, body.one("head", len(scalp.points)), "hair")
     piece = part(surface, inside[scalp.quads].all(1))
     height = hairline(piece.positions, body)
@@ -160,6 +163,15 @@ def _cap(body: Body, scalp: Scalp) -> Surface:
     uvs = np.stack([(STRIPS - 1 + 0.03 + 0.94 * across) / STRIPS, 0.01 + share], 1)[piece.quads]
     tint = np.full((len(points), 3), 0.84)
     return make(points, piece.quads, body.one("head", len(points)), "hair", uvs=uvs, colours=tint, normals=out)
+
+
+def _bare_temples(points: Float[np.ndarray, "v 3"], body: Body) -> Float[np.ndarray, " v"]:
+    """Metres above the hairline that a bob leaves bare: its hair falls past the temples, where roots look like dirt."""
+    if body.person.hair_style != "bob":
+        return np.zeros(len(points))
+    rel = points - (body.eyes["Left"].middle + body.eyes["Right"].middle) / 2
+    around = np.degrees(np.arctan2(np.abs(rel[:, 0]), rel[:, 2] - AXIS))
+    return np.asarray(np.interp(around, [32, 40, 80, 95], [0.0, 0.016, 0.016, 0.0]))
 
 
 def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -> Surface:
@@ -197,12 +209,29 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
             lines.append(at)
             outs.append(out)
     grown = np.stack(lines, 1)
-    free = ~_on_face(grown, eye, front + (0.001 if style == "short" else -0.008)).any(1)
+    free = ~_on_face(grown, eye, front + (0.004 if style == "short" else -0.008)).any(1)
     if style == "short":  # cut round the ears
         free &= (hairline(roots, body) > 0.007) | (roots[:, 1] > eye[1] + 0.02)  # a nape is shaved
         rel = np.abs(grown - eye)
         free &= ~((rel[..., 0] > 0.062) & (grown[..., 1] < eye[1] + 0.014) & (rel[..., 2] < 0.125)).any(1)
+    if style == "bob":
+        rel = _gathered(grown - eye)
+        free &= ~((rel[..., 1] < 0.0) & (rel[..., 2] > -0.045)).any(1)  # single ones before the others are like wires
+        grown = rel + eye
     return _strip(body, grown[free], np.stack(outs, 1)[free], layer, rng)
+
+
+def _gathered(rel: Float[np.ndarray, "n s 3"]) -> Float[np.ndarray, "n s 3"]:
+    """Ribbons of which none hangs apart from those beside it, like a wire; places are from between the eyes."""
+    x, y, z = np.moveaxis(rel, -1, 0)
+    far, turn = np.hypot(x, z - AXIS), np.arctan2(x, z - AXIS)
+    cells = np.stack([np.floor(turn / 0.25), np.floor(y / 0.02)], -1).reshape(-1, 2)
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    cell = cell.reshape(far.shape)
+    usual = np.array([np.median(far[cell == each]) for each in range(cell.max() + 1)])
+    beyond = np.maximum(far - usual[cell] - APART, 0) * np.clip(1.7 - y / 0.03, 0, 1)
+    shrunk = 1 - gaussian_filter(beyond, (0, 1)) / far
+    return np.stack([x * shrunk, y, (z - AXIS) * shrunk + AXIS], -1)
 
 
 def _on_face(points: Float[np.ndarray, "n s 3"], eye: Float[np.ndarray, " 3"], high: float) -> Bool[np.ndarray, "n s"]:
@@ -298,7 +327,7 @@ def _strip(
     across = np.cross(along, outs)
     across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-9)
     share = np.linspace(0, 1, steps)
-    root = 0.35 if body.person.hair_style == "short" else 0.75
+    root = 0.20 if body.person.hair_style == "short" else 0.75
     shape = np.interp(share, [0, 0.15, 0.6, 1], [root, 1.0, 1.0, 0.62])
     tilt = rng.uniform(-0.35, 0.35, (count, 1, 1))
     half = across * (layer.width / 2 * rng.uniform(0.75, 1.2, (count, 1, 1))) * shape[None, :, None]

@@ -33,7 +33,8 @@ def surfaces(body: Body) -> tuple[list[Surface], Surface]:
     cloth = clothes.tights(body)
     seen = skin.seen_skin(whole, body, clothes.neckline(whole.positions, body))
     parts = [seen, *(eyes.eyeball(body, side) for side in ("Left", "Right"))]
-    parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
+    if body.person.lash_length:
+        parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
     parts += [mouth.teeth(body, upper=True), mouth.teeth(body, upper=False), mouth.tongue(body)]
     parts += hair.hair(body, whole)
     top, footwear = clothes.top(body, cloth), shoes.shoes(body, cloth)
@@ -144,7 +145,7 @@ def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
             high = np.clip((part.positions[:, 1] - body.eyes["Left"].middle[1] - 0.02) / 0.01, 0, 1)
             own = smoothed(own[:, None], part.quads, 4, 0.5)
             own = smoothed(own, part.quads, 24, 0.5 * high)[:, 0]
-        floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.92, "hair": 0.60, "skin": 0.42}.get(part.material, 0.35)
+        floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.92, "hair": 0.60, "skin": 0.52}.get(part.material, 0.35)
         shade = floor + (1 - floor) * np.clip(own * 1.25, 0, 1)
         tone = np.repeat(shade[:, None], 3, 1)
         if part.material == "skin":  # light that enters skin comes out red
@@ -160,7 +161,7 @@ def _block(part: Surface, body: Body, tint: Float[np.ndarray, " 3"]) -> dict[str
     points = fit.to_rest(body.fitted, part.positions, weights)
     if part.material == "cloth":  # where arm and trunk share a vertex, undoing the pose tears; a smooth surface is kept
         shared = part.weights[:, ARMS].sum(1)
-        points = smoothed(points, part.quads, 12, 0.5 * np.clip(4 * shared * (1 - shared), 0, 1) ** 0.5)
+        points = smoothed(points, part.quads, 12, 0.5 * np.clip(4 * shared * (1 - shared) - 0.15, 0, 1) ** 0.5)
     assert part.normals is not None
     out = np.einsum("vik,vi->vk", maps[:, :, :3], part.normals)
     names = [name for name in ARKIT_NAMES if name in part.moves]

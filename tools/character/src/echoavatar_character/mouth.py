@@ -12,6 +12,7 @@ from .surface import Surface, between, make
 
 WIDTHS = (8.6, 6.6, 7.6, 7.0, 6.8, 9.5, 9.0)  # millimetres of the teeth of one side, from the middle
 PER_TOOTH = 4
+BACK, SIDES = np.array([0.42, 0.20, 0.19]), np.array([0.34, 0.46, 0.48])  # light in a mouth is dim and red
 WHITE, GUM = np.array([0.93, 0.88, 0.79]), np.array([0.42, 0.15, 0.15])
 
 
@@ -22,7 +23,7 @@ def teeth(body: Body, *, upper: bool) -> Surface:
     helper = body.points[members]
     arch = _arch(helper)
     low, high = helper[:, 1].min(), helper[:, 1].max()
-    gum, edge = (high, low - 0.0030) if upper else (low + 0.006, high - 0.0042)
+    gum, edge = (high, low - 0.0030) if upper else (low + 0.006, high - 0.0054)
     widths = np.array(WIDTHS[::-1] + WIDTHS)
     borders = np.concatenate([[0], widths.cumsum()]) / widths.sum()
     local = np.linspace(0, 1, PER_TOOTH, endpoint=False)
@@ -54,8 +55,9 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         rows.append(np.stack([place[:, 0] + out[:, 0] * shift, y, place[:, 1] + out[:, 1] * shift], 1))
         dark = 1 - 0.32 * (np.abs(phase) ** 6 * (v > 0.2))
         tone = (GUM + (WHITE - GUM) * white) * dark[:, None]
-        shade = (1 if upper else 0.86) * (0.35 if depth < -0.002 else 1)  # the lip is above the lower row
-        tints.append(tone * (1 - 0.62 * from_middle[:, None] ** 1.6) * shade)
+        shade = 1 if upper else 0.86  # the lip is above the lower row
+        inside = BACK if depth < -0.002 else 1 - from_middle[:, None] ** 1.6 * SIDES
+        tints.append(tone * inside * shade)
     points, count = np.concatenate(rows), len(share)
     quads = between(len(rows), count)[:, [0, 3, 2, 1]]
     if upper:  # rows run from the gum to the edge: downwards above, upwards below

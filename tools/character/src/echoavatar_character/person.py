@@ -43,8 +43,7 @@ class Person:
     hair_style: str
     brow_width: float = 1.0
     brow_lift: float = -0.001  # metres
-    lash_length: float = 1.0
-    stubble: float = 0.0
+    lash_length: float = 1.0  # 0: painted only
     cut: str = "jumper"  # of `clothes.CUTS`
     outfits: tuple[Outfit, ...] = ()  # the first is worn unless another is chosen
     lines: float = 0.0  # wrinkles and uneven skin of age
@@ -149,32 +148,36 @@ THEO = Person(
         "mouth/mouth-angles-up": 0.45,
         "mouth/mouth-upperlip-volume-incr": 0.2,
         "head/head-oval": 0.3,
-        "head/head-fat-decr": 0.25,
+        "head/head-fat-decr": 0.10,
         "forehead/forehead-scale-vert-decr": 0.5,
         "eyes/@eye-scale-incr": 0.9,
         "eyes/@eye-height2-incr": 0.4,
-        "eyes/@eye-bag-decr": 0.5,
+        "eyes/@eye-bag-decr": 0.9,
         "eyes/@eye-eyefold-up": 0.5,
         "nose/nose-scale-horiz-decr": 0.3,
         "nose/nose-point-width-decr": 0.2,
         "chin/chin-jaw-drop-incr": 0.1,
         "chin/chin-prominent-incr": 0.2,
-        "cheek/@cheek-bones-incr": 0.25,
-        "torso/torso-muscle-pectoral-decr": 1.0,
+        "cheek/@cheek-bones-incr": 0.12,
+        "torso/torso-muscle-pectoral-decr": 1.2,
         "torso/torso-vshape-decr": 0.8,
         "torso/measure-waist-circ-incr": 0.9,
         "torso/measure-bust-circ-decr": 0.4,
-        "arms/@upperarm-shoulder-muscle-incr": 0.7,
+        "arms/@upperarm-shoulder-muscle-incr": 1.0,
         "head/head-square": 0.2,
         "chin/chin-width-incr": 0.15,
         "eyebrows/eyebrows-trans-down": 0.2,
     },
     FRIENDLY
     | {
-        "eyeBlinkLeft": 0.03,
-        "eyeBlinkRight": 0.03,
-        "eyeSquintLeft": 0.04,
-        "eyeSquintRight": 0.04,
+        "mouthSmileLeft": 0.44,
+        "mouthSmileRight": 0.44,
+        "cheekSquintLeft": 0.10,
+        "cheekSquintRight": 0.10,
+        "eyeBlinkLeft": -0.09,  # below 0 a lid is higher than the mesh's
+        "eyeBlinkRight": -0.09,
+        "eyeSquintLeft": 0.0,
+        "eyeSquintRight": 0.0,
         "browInnerUp": 0.06,
         "browOuterUpLeft": 0.02,
         "browOuterUpRight": 0.02,
@@ -186,8 +189,7 @@ THEO = Person(
     hair_style="short",
     brow_width=1.3,
     brow_lift=-0.0030,
-    lash_length=0.65,
-    stubble=0.42,
+    lash_length=0.0,
     cut="shirt",
     outfits=(
         Outfit(

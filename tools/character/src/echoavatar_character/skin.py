@@ -23,6 +23,7 @@ BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres
 HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
 ROUGH = 0.64  # of skin that does not shine
 RELIEF = 1.5  # texels, of a height of 1
+BARE = 0.7  # as long as these lashes is the line of an eye whose own are only painted
 LINER = 0.0011  # metres: half the width of the dark line that lashes make on the lid
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
@@ -170,28 +171,11 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
     colour = skin * (1 - shadow[..., None]) * (1 + 0.018 * pores[..., None] + 0.02 * mottle[..., None])
     blood = np.array([1.0, 0.80, 0.77])
     colour = colour * (1 + (blood - 1) * np.clip(redness, -0.3, 1.2)[..., None])
-    if person.stubble:
-        beard = (
-            _beard(points, nose, mouth, wide) * (1 - lips) * np.clip((points[..., 2] - mouth[2] + 0.085) / 0.02, 0, 1)
-        )
-        shadow = colour * np.array([0.84, 0.86, 0.88])  # roots below the skin look bluish
-        colour = colour + (shadow - colour) * (0.32 * beard)[..., None]
-        share = beard * person.stubble * np.clip(0.24 + 0.10 * atlas.noise(points, 0.0007, 5), 0, 1)
-        colour = colour + (np.array(person.hair) / 255 * 0.8 - colour) * share[..., None]
     lip = np.array(person.lips) / 255 * (1 + 0.05 * atlas.noise(points * [1, 0.25, 1], 0.0012, 4)[..., None])
     colour = colour + (lip - colour) * (lips * 0.82)[..., None]
     colour = colour + (skin * [1.04, 0.93, 0.92] - colour) * (nails * 0.8)[..., None]
     gum = np.array([0.48, 0.20, 0.20])
     return np.asarray(colour + (gum - colour) * inside[..., None])
-
-
-def _beard(points: Field, nose: Field, mouth: Field, wide: float) -> Field:
-    """Where a beard grows, 0 to 1: below a line from the nose over the cheek up to the ear, down to the throat."""
-    across = np.abs(points[..., 0])
-    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.006, mouth[1] - 0.014, mouth[1] - 0.008, mouth[1] + 0.03]
-    line = np.interp(across, [0, 0.016, 0.7 * wide + 0.008, 0.045, 0.060, 0.072], above)
-    grown = np.clip((line - points[..., 1]) / 0.022, 0, 1) * np.clip((points[..., 1] - mouth[1] + 0.085) / 0.02, 0, 1)
-    return np.asarray(grown * grown * (3 - 2 * grown))
 
 
 def _nose(body: Body) -> Float[np.ndarray, " 3"]:
@@ -248,6 +232,7 @@ def _brows(body: Body, points: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, 
 def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
     """How dark the roots of the lashes make the edge of the upper lid, 0 to 1."""
     shade = np.zeros(points.shape[:2])
+    length = body.person.lash_length or BARE
     for side, eye in body.eyes.items():
         roots, _ = lash_lines(body, side)
         share = np.linspace(0, 1, 80)
@@ -255,9 +240,9 @@ def _liner(body: Body, points: Float[np.ndarray, "h w 3"]) -> Field:
         line = np.stack([np.interp(share, at, roots[:, i]) for i in range(3)], 1)
         near = np.linalg.norm(points - eye.middle, axis=-1) < 1.7 * eye.radius
         far, which = cKDTree(line).query(points[near])
-        wide = LINER * body.person.lash_length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
+        wide = LINER * length * np.interp(share[which], [0, 0.3, 0.85, 1], [0.4, 0.8, 1.2, 0.7])
         shade[near] = np.maximum(shade[near], np.clip(1.5 - far / wide, 0, 1))
-    return shade * min(1.0, body.person.lash_length)
+    return shade * min(1.0, length)
 
 
 def _sample(picture: Float[np.ndarray, "h w"], uv: Float[np.ndarray, "h w 2"]) -> Float[np.ndarray, "h w"]:

@@ -137,9 +137,10 @@ def _top(cloth: Cloth) -> Picture:
             picture = _dotted(
                 picture, points[..., 0] + 10 * (1 - front * trunk), y - 1.335 + 0.060 * row, 0.0052, second
             )
-        pocket = np.maximum(np.abs(points[..., 0] - 0.078) - 0.046, np.abs(y - 1.245) - 0.052)
+        beside = np.abs(points[..., 0] - 0.072) - 0.038
+        pocket = np.maximum(beside, np.abs(y - 1.226) - 0.046)
         picture = _stitched(picture, -pocket, front * trunk, thread)
-        picture = _stitched(picture, -np.maximum(np.abs(points[..., 0] - 0.078) - 0.046, np.abs(y - 1.284) - 0.013),
+        picture = _stitched(picture, -np.maximum(beside, np.abs(y - 1.260) - 0.012),
                             front * trunk * (pocket < 0.001), thread)  # fmt: skip
         picture = _over(picture, cuff, (worn.pattern == "plain") * on_arm * _within(to_wrist, -1, own.cuff + 0.058))
         picture = _stitched(picture, to_wrist - own.cuff - 0.058, on_arm, thread)
@@ -271,7 +272,7 @@ def _collar(worn: Outfit, high: int, wide: int) -> Picture:
     down = np.linspace(-0.08, 1.08, high)[:, None] * np.ones((1, wide))
     across = np.abs(np.linspace(-1.08, 1.08, wide))[None, :] * np.ones((high, 1))
     picture = np.ones((high, wide, 3)) * np.array(worn.collar or worn.top) / 255
-    picture = picture * (1 - 0.28 * np.exp(-(((down - 0.80) / 0.012) ** 2)))[..., None]
+    picture = picture * (1 - 0.28 * np.exp(-(((down - 0.95) / 0.010) ** 2)))[..., None]
     picture = picture * (1 - 0.28 * np.exp(-(((across - 0.975) / 0.008) ** 2)) * (down > 0.4))[..., None]
     return gaussian_filter(picture, (0.5, 0.5, 0))
 
