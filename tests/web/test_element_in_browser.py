@@ -260,7 +260,7 @@ def test_a_page_with_a_strict_policy_needs_what_the_docs_say(
     driver = new_tab()
     driver.page.goto(site.page(tag(voiced_url), content_security_policy=f"default-src 'none'; {policy}"))
     driver.wait(f"!!({FIRST}.session?.ready && {FIRST}.stage?.avatar)")
-    driver.click("echo-avatar")  # with a user's activation; a moved mouse would wait for Firefox to draw
+    driver.click("echo-avatar")  # a script event with a user's activation, as in the other tests
     driver.wait(f"{FIRST}.output !== null")  # it runs where there is a device for sound
     worklets = f"['playback', 'capture'].map((name) => {FIRST}.worklet(name))"
     loads = f"(async (context) => {{ for (const name of {worklets}) await context.audioWorklet.addModule(name); }})"
