@@ -113,7 +113,7 @@ def lashes(body: Body, side: str) -> Surface:
         root, tip = _along(roots, 0.02 + 0.96 * share), _along(tips, 0.02 + 0.96 * share)
         line += [root, root + (tip - root) * np.interp(share, [0, 0.3, 0.8, 1], [0.08, 0.22, 0.30, 0.16])]
     add(line, [(2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1) for i in range(LINE)])
-    for i in range(STRANDS):
+    for i in range(STRANDS if body.person.lash_length else 0):
         share = (i + rng.uniform(0.3, 0.7)) / STRANDS
         before, after = (_along(roots, np.clip(0.03 + 0.95 * share + d, 0, 1)) for d in (-BASE, BASE))
         root = (before + after) / 2
@@ -126,7 +126,8 @@ def lashes(body: Body, side: str) -> Surface:
             [(0, 1, 2, 3), (3, 2, 4, 4)])  # fmt: skip
     places = np.array(points)
     away = places - eye.middle
-    places = places + LIFT * away / np.linalg.norm(away, axis=1, keepdims=True)
+    lift = LIFT if body.person.lash_length else -LIFT  # a line without strands lies below the lid, or looks dotted
+    places = places + lift * away / np.linalg.norm(away, axis=1, keepdims=True)
     owner = base.vertices_of(group)
     distance, near = cKDTree(body.points[owner]).query(places, 4)
     share = 1 / (distance + 1e-5)

@@ -33,8 +33,7 @@ def surfaces(body: Body) -> tuple[list[Surface], Surface]:
     cloth = clothes.tights(body)
     seen = skin.seen_skin(whole, body, clothes.neckline(whole.positions, body))
     parts = [seen, *(eyes.eyeball(body, side) for side in ("Left", "Right"))]
-    if body.person.lash_length:
-        parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
+    parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
     parts += [mouth.teeth(body, upper=True), mouth.teeth(body, upper=False), mouth.tongue(body)]
     parts += hair.hair(body, whole)
     top, footwear = clothes.top(body, cloth), shoes.shoes(body, cloth)
