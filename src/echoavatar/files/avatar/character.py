@@ -208,7 +208,7 @@ def added(weights, starts, vertices, moves, turns, positions, normals, reach):  
             normals[v, i] *= scale
 
 
-HEAD_M = 0.1879  # from the joint of Maya's head to its top; Theo's is 0.1962, Amara's 0.1855
+HEAD_M = 0.1865  # from the joint of Maya's head to its top; Theo's is 0.1945, Amara's 0.1855
 CHARACTERS = ("maya", "theo", "amara")
 LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000
 FOLDER = Path(str(files("echoavatar"))) / "assets" / "characters"
