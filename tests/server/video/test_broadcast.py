@@ -1,13 +1,14 @@
 """Files and RTMP by FFmpeg, and a virtual camera where there is one."""
 
 import contextlib
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -156,23 +157,24 @@ def test_a_server_that_accepts_and_is_silent_is_given_up(monkeypatch: pytest.Mon
 
 def test_a_server_that_stops_reading_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("echoavatar.server.video.broadcast.WRITE_S", 0.5)
-    noise = np.random.default_rng(0).integers(0, 256, (2160, 3840, 3), np.uint8)
-    with _deaf_after_the_handshake() as address:
-        output = Broadcast(address, (3840, 2160), 25)
+    noise = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
+    with _listener() as (address, listener):
+        output = Broadcast(address, (1280, 720), 25)
+        listener.send_signal(signal.SIGSTOP)
         with pytest.raises(EchoAvatarError, match=r"cannot send to rtmp://[^ ]+/\.\.\. \(.*nothing for 0.5 s"):
-            _show(output, [noise] * 100)
+            _show(output, (np.roll(noise, 997 * number, 1) for number in range(100)))  # none follows from another
         with pytest.raises(EchoAvatarError, match="nothing for"):
             output.close()
 
 
-def _show(output: Broadcast, pictures: list[np.ndarray]) -> None:
+def _show(output: Broadcast, pictures: Iterable[np.ndarray]) -> None:
     for number, pixels in enumerate(pictures):
-        output.show(Picture(number / 25, pixels))
+        output.show(Picture(float(number), pixels))
 
 
 @contextlib.contextmanager
-def _deaf_after_the_handshake() -> Iterator[str]:
-    """A listener by FFmpeg in another process, which is stopped as soon as the sender is there."""
+def _listener() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A listener by FFmpeg in another process."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"rtmp://127.0.0.1:{probe.getsockname()[1]}/{SECRET}"
@@ -183,7 +185,7 @@ def _deaf_after_the_handshake() -> Iterator[str]:
     )
     with subprocess.Popen([sys.executable, "-c", program, address]) as listener:
         try:
-            yield address
+            yield address, listener
         finally:
             listener.kill()
 

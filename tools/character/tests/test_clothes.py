@@ -71,7 +71,7 @@ def _apart(inner: Points, over: Points) -> float:
     return float(np.percentile(((inner - over[near]) * out).sum(1), 98))
 
 
-def test_a_shirt_falls_straight_from_the_chest_to_the_belt() -> None:
+def test_a_shirt_falls_straight_from_the_chest_to_the_belt(body: Body) -> None:
     """No fold below the chest and no belly: over 14 cm its front keeps within 6 mm of a line."""
     own = make_body(PEOPLE["theo"])
     points = clothes.top(own, clothes.tights(own)).positions
