@@ -65,6 +65,13 @@ def test_our_own_reader_finds_the_humanoid(file: Path) -> None:
     assert dict(rig.skeleton.config.vrm).keys() == set(HUMANOID.names)
 
 
+def test_outfits_and_the_humanoid_stand_beside_each_other(file: Path) -> None:
+    size = int.from_bytes(file.read_bytes()[12:16], "little")
+    document = json.loads(file.read_bytes()[20 : 20 + size])
+    assert {"VRMC_vrm", "KHR_materials_variants"} <= set(document["extensions"])
+    assert set(document["extensions"]) <= set(document["extensionsUsed"])
+
+
 @pytest.mark.skipif(not (TOOLS / "node_modules").is_dir(), reason="needs `npm ci` in tools/character")
 def test_khronos_gltf_transform_and_three_vrm_open_the_file(file: Path) -> None:
     done = subprocess.run(["node", TOOLS / "vrm.mjs", file], capture_output=True, text=True, check=True)

@@ -108,7 +108,8 @@ def pack_vrm(character: Character, name: str, *, hangs: bool = False) -> bytes:
     document["images"].append(_portrait(character, name, buffer))
     document["extensionsUsed"] += ["VRMC_vrm", "VRMC_node_constraint"]
     _constrain(document["nodes"])
-    document["extensions"] = {"VRMC_vrm": _humanoid(character, name, thumbnail=len(document["images"]) - 1)}
+    own = {"VRMC_vrm": _humanoid(character, name, thumbnail=len(document["images"]) - 1)}
+    document["extensions"] = document.get("extensions", {}) | own  # outfits stand there
     if chains:
         document["extensionsUsed"].append("VRMC_springBone")
         document["extensions"]["VRMC_springBone"] = _springs(document, buffer, chains)
