@@ -159,12 +159,24 @@ def test_a_server_that_stops_reading_is_given_up(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("echoavatar.server.video.broadcast.WRITE_S", 0.5)
     noise = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
     with _listener() as (address, listener):
-        output = Broadcast(address, (1280, 720), 25)
+        output = _opened(address, (1280, 720))
         listener.send_signal(signal.SIGSTOP)
         with pytest.raises(EchoAvatarError, match=r"cannot send to rtmp://[^ ]+/\.\.\. \(.*nothing for 0.5 s"):
             _show(output, (np.roll(noise, 997 * number, 1) for number in range(100)))  # none follows from another
         with pytest.raises(EchoAvatarError, match="nothing for"):
             output.close()
+
+
+def _opened(address: str, size: tuple[int, int]) -> Broadcast:
+    """A broadcast to a process that may only begin to listen."""
+    until = time.monotonic() + 20
+    while True:
+        try:
+            return Broadcast(address, size, 25)
+        except EchoAvatarError as error:
+            if "refused" not in str(error) or time.monotonic() > until:
+                raise
+            time.sleep(0.1)
 
 
 def _show(output: Broadcast, pictures: Iterable[np.ndarray]) -> None:
