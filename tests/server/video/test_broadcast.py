@@ -79,10 +79,10 @@ def test_an_rtmp_server_gets_the_same() -> None:
     assert abs(seen[0][0] - seen[0][1]) < 0.06
 
 
-def _opened(address: str) -> Broadcast:
+def _opened(address: str, size: tuple[int, int] = SIZE) -> Broadcast:
     for _ in range(100):
         try:
-            return Broadcast(address, SIZE, 25)
+            return Broadcast(address, size, 25)
         except EchoAvatarError:
             threading.Event().wait(0.1)
     raise AssertionError("the listener never listened")
@@ -165,18 +165,6 @@ def test_a_server_that_stops_reading_is_given_up(monkeypatch: pytest.MonkeyPatch
             _show(output, (np.roll(noise, 997 * number, 1) for number in range(100)))  # none follows from another
         with pytest.raises(EchoAvatarError, match="nothing for"):
             output.close()
-
-
-def _opened(address: str, size: tuple[int, int]) -> Broadcast:
-    """A broadcast to a process that may only begin to listen."""
-    until = time.monotonic() + 20
-    while True:
-        try:
-            return Broadcast(address, size, 25)
-        except EchoAvatarError as error:
-            if "refused" not in str(error) or time.monotonic() > until:
-                raise
-            time.sleep(0.1)
 
 
 def _show(output: Broadcast, pictures: Iterable[np.ndarray]) -> None:
