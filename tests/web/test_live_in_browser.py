@@ -13,7 +13,7 @@ from echoavatar.models.audio import read_audio
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar.timing import SAMPLES_PER_MOTION_TOKEN
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PATIENCE = 120  # seconds; the machine that runs this may be busy
@@ -57,7 +57,7 @@ def test_the_sound_comes_as_opus_and_lies_on_its_sample(page):
     match = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(speech, size)), size)
     late = int(np.argmax(match))
     late -= size if late > len(heard) else 0
-    assert (blocks[0][0] + late) % CHUNK_SAMPLES == 0
+    assert (blocks[0][0] + late) % SAMPLES_PER_MOTION_TOKEN == 0  # the default bundle steps by one
 
 
 class Seen:
