@@ -77,6 +77,26 @@ def test_in_silence_both_hands_are_idle():
             assert (busiest < 0.2) == (level == 0)
 
 
+@pytest.mark.parametrize(("liveliness", "busy"), [(None, 1.0), (0.9, 1.0), (0.0, 0.4)])
+def test_hands_that_rest_for_too_long_are_told_that_one_works(liveliness: float | None, busy: float):
+    manner = SpeakerManner(7, MotionOptions(liveliness=liveliness))
+    at_rest, rested = (manner.at(40, rests=rests)[len(MANNER) : -2] for rests in (False, True))
+    assert rested[at_rest.argmax()] == pytest.approx(busy)
+    assert rested[at_rest.argmin()] == at_rest.min(), "the other goes on as it would"
+
+
+@pytest.mark.parametrize("additions", [{"settling"}, set()])
+def test_a_session_whose_hands_rest_while_sound_goes_on_is_told_so(additions: set[str]):
+    machine = engine()
+    machine.additions = frozenset(additions)
+    core = machine.open_core(seed=3)
+    core.push(np.full(6_400 * 4, 0.1, np.float32))
+    for _ in range(3):
+        machine.tick()
+    busiest = core.begin_chunk(0).manner[len(MANNER) : -2].max()
+    assert (busiest == 1) == bool(additions)
+
+
 def test_a_session_is_told_its_manner_and_numbers_out_of_range_are_refused():
     with engine().open(seed=3, options=MotionOptions(liveliness=0.4)) as session:
         session.core.set_manner(handedness=1.0)

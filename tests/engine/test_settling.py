@@ -158,15 +158,32 @@ def test_a_dance_in_which_the_arms_rest_for_a_second_is_freed_and_again_while_th
     assert freed([LOUD] * 30, DANCING, RESTING)[-4:] == [18, 21, 24, 27]
 
 
-def test_who_stands_in_sound_is_freed_after_nearly_three_seconds() -> None:
-    assert freed([LOUD] * 25, STANDING, RESTING) == [10, 20]
+def test_who_stands_in_sound_is_freed_after_two_seconds() -> None:
+    assert freed([LOUD] * 20, STANDING, RESTING) == [8, 16]
+
+
+@pytest.mark.parametrize(("size", "rests"), [(1.0, True), (0.5, False)])
+def test_small_gestures_are_no_rest(size: float, rests: bool) -> None:
+    settling = Settling()
+    for chunk in range(8):
+        settling.made(chunk, LOUD, limbs(STANDING, 18.0), HUMANOID, size=size)
+    assert settling.must_forget(8, LOUD) == rests
+
+
+def test_arms_at_rest_are_asked_to_work_after_half_a_second_of_sound() -> None:
+    for sound in (LOUD, QUIET):
+        settling, asked = Settling(), []
+        for chunk in range(4):
+            asked.append(settling.rests(chunk))
+            settling.made(chunk, sound, limbs(STANDING, RESTING), HUMANOID)
+        assert asked == [False, False, sound is LOUD, sound is LOUD]
 
 
 def test_arms_that_move_or_act_or_rest_in_silence_or_between_phrases_are_left_alone() -> None:
     assert not freed([LOUD] * 30, DANCING, 40.0)
     assert not freed([LOUD] * 30, STANDING, RESTING, acts=True)
     assert not freed([QUIET] * 30, STANDING, RESTING)
-    assert not freed([*[LOUD] * 9, QUIET] * 3, STANDING, RESTING)
+    assert not freed([*[LOUD] * 7, QUIET] * 3, STANDING, RESTING)
 
 
 def test_a_dance_that_came_to_rest_is_one_until_the_music_has_ended() -> None:

@@ -28,7 +28,8 @@ TURN_STEPS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands wor
 QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manner.busy`) at liveliness 0 and 1
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
-RESTS = 0.4  # chance at liveliness 0 that neither works
+RESTS = 0.2  # chance at liveliness 0 that neither works
+STIRRED = 1.0  # how busy the leading hand is told to be where both have rested for too long; `QUIET` at liveliness 0
 HANGING = 0.08  # how high an idle hand is
 KEPT = 8  # turns that are remembered
 AROUND = STEP.within(BUSY_S) // 2  # steps to either side that a hand's busyness is a mean of
@@ -58,17 +59,29 @@ class SpeakerManner:
         """`WHOLE`, or for one who talks how far the left and the right arm move: one that rests moves less."""
         if not talks:
             return WHOLE
-        middle, right = LIVELIEST / 2, self._set.get(SET["handedness"], 0.5)
-        size = np.interp(self._set.get("liveliness", middle), (0, middle, LIVELIEST), (SMALLEST, MIDDLE, LARGEST))
+        right, size = (
+            self._set.get(SET["handedness"], 0.5),
+            np.interp(self.dial, (0, 1, 2), (SMALLEST, MIDDLE, LARGEST)),
+        )
         works = np.interp(self._busy(self._step(chunk)), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)
 
-    def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
-        """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
+    @property
+    def dial(self) -> float:
+        """The liveliness that a user set, from 0 to 2; 1, the middle, where nobody did."""
+        return self._set.get("liveliness", LIVELIEST / 2) / (LIVELIEST / 2)
+
+    def at(self, chunk: int, *, is_silent: bool = False, rests: bool = False) -> Float[np.ndarray, " m"]:
+        """The numbers of a chunk, in the order of `TOLD`.
+
+        In silence both hands are idle; if both have rested for too long (`rests`), the leading one is to work.
+        """
         step = self._step(chunk)
         numbers = self._numbers(step)
         busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(step)
+        if rests:
+            busy[int(busy[1] >= busy[0])] = np.interp(self.dial, (0, 1), (QUIET, STIRRED))
         high = np.full(2, np.nan) if is_silent else self._hands(step)[2:]
         return np.concatenate([numbers, busy, high]).astype(np.float32)
 

@@ -338,12 +338,11 @@ class SessionCore:
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
-            manner = self._manner.at(chunk, is_silent=self._settling.silence(chunk, heard.audio) > 0)
+            settles, is_silent = "settling" in self._host.additions, self._settling.silence(chunk, heard.audio) > 0
+            manner = self._manner.at(chunk, is_silent=is_silent, rests=settles and self._settling.rests(chunk))
             self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             members = self._actions.members(chunk, codes) if codes else None
-            forgets = "settling" in self._host.additions and self._settling.must_forget(
-                chunk, heard.audio, acts=members is not None
-            )
+            forgets = settles and self._settling.must_forget(chunk, heard.audio, acts=members is not None)
             talks = heard.music is None and self._is_free(chunk) and not self._settling.is_dancing(chunk - 1)
             plan = ChunkPlan(heard.audio, members, manner, self._manner.hands(chunk, talks=talks), forgets, undone)
             self._making = chunk, heard, plan
@@ -359,7 +358,7 @@ class SessionCore:
             if not self._barge_in.end(patches):
                 return
             source = self._source(chunk, heard)
-            self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
+            self._settling.made(chunk, heard.audio, motion, self._host.skeleton, size=min(self._manner.dial, 1.0))
             motion = self._with_idle_motion(chunk, motion, source, heard.speech)
             motion = self._with_expression(chunk, motion, heard.speech)
             self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples

@@ -23,8 +23,9 @@ STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that s
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
-RESTING = 8.0  # degrees per second, mean over the arms' joints behind `Stillness`: arms that dance are faster
-DANCE_RESTS_S, TALK_RESTS_S = 0.8, 2.67  # of sound after which arms at rest are freed, in a dance and else
+RESTING = 25.0  # degrees per second, mean over the arms' joints behind `Stillness`: wrists at 0.3 m/s
+STIRS_S = 0.53  # of sound after which arms at rest are asked to work
+DANCE_RESTS_S, TALK_RESTS_S = 0.8, 2.1  # of sound after which arms at rest are freed, in a dance and else
 KEPT_S = 17.0  # that is remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
@@ -44,7 +45,7 @@ class Settling:
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._recent, self._again, self._dances = (chunk.within(span) for span in (RECENT_S, AGAIN_S, DANCES_S))
         self._dance_rests, self._talk_rests = (chunk.within(span) for span in (DANCE_RESTS_S, TALK_RESTS_S))
-        self._least, self._kept = chunk.within(SILENCE_S), chunk.within(KEPT_S)
+        self._least, self._kept, self._stirs = (chunk.within(span) for span in (SILENCE_S, KEPT_S, STIRS_S))
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"], *, acts: bool = False) -> bool:
@@ -62,16 +63,22 @@ class Settling:
             return False
         return silent == 1 or before.legs > STANDING
 
+    def rests(self, chunk: int) -> bool:
+        """Whether the arms have rested in sound for `STIRS_S` up to this chunk, which comes next."""
+        return chunk - 1 in self._chunks and self._chunks[chunk - 1].resting >= self._stirs
+
     def is_dancing(self, chunk: int) -> bool:
         """Whether the legs danced to sound in the last seconds up to this chunk, which was made."""
         mean = self._legs(chunk, self._dances)
         return mean > DANCES and chunk in self._chunks and self._chunks[chunk].silent < self._recent
 
-    def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
-        """Note a chunk that was made."""
+    def made(
+        self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton, *, size: float = 1.0
+    ) -> None:
+        """Note a chunk that was made, of a speaker whose gestures are `size` times as large as usual."""
         before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
         quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
-        rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING
+        rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING * size
         legs = joint_speed(motion, skeleton, _LEGS)
         now = self._chunks[chunk] = _Chunk(quiet, silent, legs, before.resting + 1 if rests else 0, before.dances)
         # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
