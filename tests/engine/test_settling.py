@@ -159,15 +159,15 @@ def test_a_dance_in_which_the_arms_rest_for_a_second_is_freed_and_again_while_th
 
 
 def test_who_stands_in_sound_is_freed_after_two_seconds() -> None:
-    assert freed([LOUD] * 20, STANDING, RESTING) == [8, 16]
+    assert freed([LOUD] * 20, STANDING, RESTING) == [9, 18]
 
 
 @pytest.mark.parametrize(("size", "rests"), [(1.0, True), (0.5, False)])
 def test_small_gestures_are_no_rest(size: float, rests: bool) -> None:
     settling = Settling()
-    for chunk in range(8):
+    for chunk in range(9):
         settling.made(chunk, LOUD, limbs(STANDING, 18.0), HUMANOID, size=size)
-    assert settling.must_forget(8, LOUD) == rests
+    assert settling.must_forget(9, LOUD) == rests
 
 
 def test_arms_at_rest_are_asked_to_work_after_half_a_second_of_sound() -> None:

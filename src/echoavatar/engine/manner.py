@@ -82,6 +82,7 @@ class SpeakerManner:
         busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(step)
         if rests:
             busy[int(busy[1] >= busy[0])] = np.interp(self.dial, (0, 1), (QUIET, STIRRED))
+            numbers[LIVELINESS] = np.interp(self.dial, (0, 1), (numbers[LIVELINESS], 1))
         high = np.full(2, np.nan) if is_silent else self._hands(step)[2:]
         return np.concatenate([numbers, busy, high]).astype(np.float32)
 

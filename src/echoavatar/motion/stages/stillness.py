@@ -57,7 +57,7 @@ from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.6
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.3, 2.0, 2.0, 0.5
-CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.2, 0.5, 1.0
+CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
 TRUNK_HZ = 2.0
 PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
