@@ -83,6 +83,7 @@ def test_hands_that_rest_for_too_long_are_told_that_one_works(liveliness: float 
     at_rest, rested = (manner.at(40, rests=rests)[len(MANNER) : -2] for rests in (False, True))
     assert rested[at_rest.argmax()] == pytest.approx(busy)
     assert rested[at_rest.argmin()] == at_rest.min(), "the other goes on as it would"
+    assert manner.at(40, rests=True, is_silent=True)[len(MANNER) : -2].max() < 0.2
 
 
 @pytest.mark.parametrize("additions", [{"settling"}, set()])

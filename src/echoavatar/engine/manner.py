@@ -80,7 +80,7 @@ class SpeakerManner:
         step = self._step(chunk)
         numbers = self._numbers(step)
         busy = np.full(2, np.mean(IDLE)) if is_silent else self._busy(step)
-        if rests:
+        if rests and not is_silent:
             busy[int(busy[1] >= busy[0])] = np.interp(self.dial, (0, 1), (QUIET, STIRRED))
             numbers[LIVELINESS] = np.interp(self.dial, (0, 1), (numbers[LIVELINESS], 1))
         high = np.full(2, np.nan) if is_silent else self._hands(step)[2:]

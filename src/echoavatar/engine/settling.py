@@ -4,6 +4,7 @@ The model continues its own last seconds of motion, so whatever they hold goes o
 a rest for half a minute into music (the paper leaves both open). Then the model's context is cleared, and the body's
 position is kept. The model goes on like a session that has stood through silence: it comes to rest in silence, and
 dances to music within two seconds. Gestures come to rest by themselves, and pauses in speech change nothing.
+Before that, a speaker whose hands rest is told to be lively and to work, see `SpeakerManner.at`.
 
 Decisions depend on the chunks heard and the motion made, so a session that goes back decides the same again.
 """
@@ -23,9 +24,9 @@ STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that s
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
-RESTING = 25.0  # degrees per second, mean over the arms' joints behind `Stillness`: wrists at 0.3 m/s
+RESTING = 30.0  # degrees per second, mean over the arms' joints behind `Stillness`: wrists at 0.3 m/s
 STIRS_S = 0.53  # of sound after which arms at rest are asked to work
-DANCE_RESTS_S, TALK_RESTS_S = 0.67, 2.27  # of sound after which arms at rest are freed, in a dance and else
+DANCE_RESTS_S, TALK_RESTS_S = 0.53, 1.87  # of sound after which arms at rest are freed, in a dance and else
 KEPT_S = 17.0  # that is remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
@@ -35,7 +36,7 @@ class _Chunk(NamedTuple):
     quiet: int  # chunks without sound so far, this one included
     silent: int  # those of them that count as silence
     legs: float  # degrees per second
-    resting: int  # chunks of sound so far in which the arms rest, this one included
+    resting: int  # chunks of sound so far, across pauses, in which the arms rest, this one included
     dances: bool  # whether the legs danced since the last silence
 
 
@@ -78,9 +79,10 @@ class Settling:
         """Note a chunk that was made, of a speaker whose gestures are `size` times as large as usual."""
         before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
         quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
-        rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING * size
+        rests = _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING * size
+        rested = before.resting + (not silent) if rests and silent < self._recent else 0
         legs = joint_speed(motion, skeleton, _LEGS)
-        now = self._chunks[chunk] = _Chunk(quiet, silent, legs, before.resting + 1 if rests else 0, before.dances)
+        now = self._chunks[chunk] = _Chunk(quiet, silent, legs, rested, before.dances)
         # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
         dances = silent < self._recent and (before.dances or self._legs(chunk, self._dances // 2 + 1) > DANCES)
         self._chunks[chunk] = now._replace(dances=dances)
