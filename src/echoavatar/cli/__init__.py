@@ -109,34 +109,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         with disk_errors("the output"):
             code: int = command_module(args.command).run(args)
             sys.stdout.flush()
-    except EchoAvatarError as error:
-        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
-        if argv is None:
-            _end_output()
-        return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package
 
         if (missing := missing_package(error)) is None:
             raise
         print(f"echoavatar: this needs {missing[0]}: {missing[1]}", file=sys.stderr)
-        return 1
+        code = 1
     except BrokenPipeError:  # the reader of our output has ended, as `head` does
-        if argv is None:
-            _end_output()
-        return 141
+        code = 141
+    except EchoAvatarError as error:
+        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
+        code = 1
     except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
         _LOG.debug("where it happened", exc_info=True)
         remedy = "; check its name, space and permissions" if error.filename else ""
         if "temporary directory" in str(error):  # Python names the folders that it tried
             remedy = "; set TMPDIR to a folder that can be written"
         print(f"echoavatar: {one_line(error)}{remedy}", file=sys.stderr)
-        if argv is None:
-            _end_output()
-        return 1
+        code = 1
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
-        return int(getattr(stop, "code", 130))
+        code = int(getattr(stop, "code", 130))
+    if code and argv is None:
+        _end_output()
     return code
 
 
