@@ -150,7 +150,7 @@ class _Show:
             self._source.take(Flush(at=0, epoch=0, seg=0, heard=0))
             return self._source
         shot = Shot(args.size, args.view, args.background, renderer=args.renderer)
-        source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
+        source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character)
         self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
         self._source = source
         self._is_there.set()

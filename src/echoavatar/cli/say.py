@@ -65,8 +65,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
         body = BodyOptions(**{name: getattr(args, name) for name in names})
         avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed, body=body))
         recorder = Recorder(avatar.ready)
-        group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
-        shown = stack.enter_context(closing(group))
+        shown = stack.enter_context(closing(SinkGroup(args.sink, avatar.ready.rig)))
         seconds = len(samples) / SAMPLE_RATE_HZ
         show = stack.enter_context(progress(total=seconds, unit="s", desc="motion"))
         wanted, left = 0, BYTES_A_SECOND * (seconds + SPARE_S)
