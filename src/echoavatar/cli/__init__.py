@@ -1,8 +1,8 @@
 """The command line: parse, dispatch, print. May import every room, and loads only what the command needs.
 
-Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
-distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:
-0 done, 1 an error the user can put right (one line), 2 wrong usage.
+Each command is one module with `add_arguments(parser)` and `run(args) -> int`, and `EXAMPLES` below its help. Those in
+`SEPARATE` come with distributions of their own, which name the module in an entry point of `echoavatar.commands`. Exit
+codes: 0 done, 1 an error the user can put right (one line), 2 wrong usage.
 """
 
 import argparse
@@ -197,7 +197,9 @@ def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:
             parents=[common],
         )
         if name in filled:
-            command_module(name).add_arguments(child)
+            module = command_module(name)
+            child.epilog = getattr(module, "EXAMPLES", None)
+            module.add_arguments(child)
             settings.apply(child, name)
     return parser
 
