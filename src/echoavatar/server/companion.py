@@ -259,11 +259,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
 
 def local_ears(manager: SessionManager) -> Ears | None:
     """What hears on this machine: anything, or the script's phrases, or nothing."""
-
-    async def nothing(_: str, __: dict[str, Any]) -> dict[str, Any]:
-        return {}
-
-    return find_ears(tuple(phrases(ToolAccess(manager.toolbox.schemas("openai-chat"), nothing))))
+    return find_ears(tuple(phrases(manager.toolbox.schemas("openai-chat"))))
 
 
 def who_talks(manager: SessionManager) -> str:
