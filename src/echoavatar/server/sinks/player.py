@@ -222,8 +222,9 @@ class SinkGroup:
 
     def finish(self) -> None:
         """Wait until everything has been shown."""
-        while self.players and self._start is not None and (left := self._seconds_left(*self._start)) > 0:
-            time.sleep(left)
+        if self.players and self._start is not None:
+            at, since = self._start
+            time.sleep(max(0.0, since + (self._end - at) / SAMPLE_RATE_HZ - time.monotonic()))
 
     def close(self) -> None:
         """Stop all sinks."""
@@ -238,6 +239,3 @@ class SinkGroup:
         if self._start is not None:
             for player in self.players:
                 player.tell(*self._start, end)
-
-    def _seconds_left(self, at: int, since: float) -> float:
-        return since + (self._end - at) / SAMPLE_RATE_HZ - time.monotonic()
