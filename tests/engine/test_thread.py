@@ -170,15 +170,14 @@ class Gated(FakePipeline):
 def test_a_step_that_never_ends_is_noticed_and_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = Gated()
     machine = Engine(pipeline, workers=1)  # type: ignore[arg-type]
-    thread = EngineThread(machine).start()
     try:
-        thread.watch()
-        assert not thread.is_stuck
-        monkeypatch.setattr("echoavatar.engine.thread.STUCK_S", 0.1)
-        machine.open_core().push(np.full(6_400, 1, np.float32))
-        assert soon(lambda: thread.watch() or thread.is_stuck)
-        assert isinstance(thread.error, TimeoutError)
-        thread.stop()
+        with EngineThread(machine) as thread:
+            thread.watch()
+            assert not thread.is_stuck
+            monkeypatch.setattr("echoavatar.engine.thread.STUCK_S", 0.1)
+            machine.open_core().push(np.full(6_400, 1, np.float32))
+            assert soon(lambda: thread.watch() or thread.is_stuck)
+            assert isinstance(thread.error, TimeoutError)
         assert thread.is_alive
     finally:
         pipeline.gates[1.0].set()

@@ -42,7 +42,8 @@ from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.motion.stages.stillness import Stillness
-from echoavatar.nn import CausalAttention, CausalBlock
+from echoavatar.nn.attention import CausalAttention
+from echoavatar.nn.blocks import CausalBlock
 from echoavatar.nn.exported import ExportedStep
 from echoavatar.nn.torch_step import TorchStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES

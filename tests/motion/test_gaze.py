@@ -30,6 +30,14 @@ def degrees_off(motion: MotionChunk) -> float:
     return float(np.degrees(off_viewer(motion)).max())
 
 
+def with_head(motion: MotionChunk) -> MotionChunk:
+    return turn_head(motion, ALL, 0 * ALL, HUMANOID)
+
+
+def with_eyes(motion: MotionChunk) -> MotionChunk:
+    return turn_eyes(motion, ALL, np.zeros((len(ALL), 2), np.float32), HUMANOID)
+
+
 def look(motion: MotionChunk, way: str) -> float:
     """Degrees by which the left eye of our character turns: 30 at a curve of 1."""
     assert motion.face is not None
@@ -40,9 +48,9 @@ def look(motion: MotionChunk, way: str) -> float:
 def test_head_and_eyes_meet_the_viewer_between_them(yaw: float, pitch: float) -> None:
     """Of 30 degrees the head turns back 24, the eyes the other 6."""
     before = facing(yaw, pitch)
-    head = turn_head(before, ALL, HUMANOID)
+    head = with_head(before)
     assert degrees_off(head) == pytest.approx(0.2 * degrees_off(before), abs=0.1)
-    eyes = turn_eyes(head, ALL, HUMANOID)
+    eyes = with_eyes(head)
     sideways = look(eyes, "InLeft") - look(eyes, "OutLeft")  # to its right
     assert sideways == pytest.approx(look(eyes, "OutRight") - look(eyes, "InRight"))
     upwards = look(eyes, "UpLeft") - look(eyes, "DownLeft")
@@ -54,7 +62,7 @@ def test_head_and_eyes_meet_the_viewer_between_them(yaw: float, pitch: float) ->
 
 def test_the_neck_takes_a_third_of_the_way() -> None:
     """Of the 24 degrees by which the head turns back."""
-    turned = turn_head(facing(30), ALL, HUMANOID).rotations[0, HUMANOID.index("neck")]
+    turned = with_head(facing(30)).rotations[0, HUMANOID.index("neck")]
     assert 7 < np.degrees(2 * np.arccos(turned[0])) < 10
 
 
@@ -62,12 +70,12 @@ def test_eyes_that_meet_the_viewer_keep_a_third_of_their_own_movements() -> None
     glance = facing(0)
     assert glance.face is not None
     glance.face[:, ARKIT_NAMES.index("eyeLookInLeft")] = 0.5
-    assert 4 < look(turn_eyes(glance, ALL, HUMANOID), "InLeft") < 6  # of 15 degrees
+    assert 4 < look(with_eyes(glance), "InLeft") < 6  # of 15 degrees
 
 
 def test_only_neck_head_and_eyes_move() -> None:
     before = facing(40)
-    after = turn_eyes(turn_head(before, ALL, HUMANOID), ALL, HUMANOID)
+    after = with_eyes(with_head(before))
     moved = np.abs(after.rotations - before.rotations).max((0, 2)) > 1e-6
     assert {name for name, has in zip(HUMANOID.names, moved, strict=True) if has} == {"neck", "head"}
     assert after.face is not None
@@ -77,12 +85,12 @@ def test_only_neck_head_and_eyes_move() -> None:
 
 def test_a_neck_turns_so_far_and_nobody_looks_behind() -> None:
     """At 75 degrees the head turns by its most, at 180 not at all, and nothing jumps on the way there."""
-    sides = [degrees_off(facing(yaw)) - degrees_off(turn_head(facing(yaw), ALL, HUMANOID)) for yaw in range(181)]
+    sides = [degrees_off(facing(yaw)) - degrees_off(with_head(facing(yaw))) for yaw in range(181)]
     assert max(sides) == pytest.approx(55, abs=0.5)
     assert sides[75] == pytest.approx(55, abs=0.5)
     assert sides[160] == pytest.approx(0, abs=0.01)
     assert np.abs(np.diff(sides)).max() < 2.5
-    behind = turn_eyes(facing(179), ALL, HUMANOID)
+    behind = with_eyes(facing(179))
     assert behind.face is not None
     assert behind.face.max() == pytest.approx(0, abs=1e-6)
 
@@ -188,4 +196,4 @@ def test_the_head_helps_a_speaker_whose_eyes_do_not_reach(yaw: int) -> None:
         made = gaze.apply(number, facing(yaw), HUMANOID, heeds=False, speech=still)
     assert degrees_off(made) < 30
     assert np.degrees(eyes_off_viewer(made)).max() < 2
-    assert degrees_off(turn_head(facing(9), 0 * ALL, HUMANOID, helps=ALL)) == pytest.approx(9, abs=0.01)
+    assert degrees_off(turn_head(facing(9), 0 * ALL, ALL, HUMANOID)) == pytest.approx(9, abs=0.01)

@@ -5,8 +5,7 @@ import math
 import pytest
 import torch
 
-from echoavatar.nn import CausalAttention, lookback_mask
-from echoavatar.nn.attention import phase_table, rotary, rotary_phases, rotary_table
+from echoavatar.nn.attention import CausalAttention, lookback_mask, phase_table, rotary, rotary_phases, rotary_table
 
 
 def product(q, k, at_q, at_k):

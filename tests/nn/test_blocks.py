@@ -1,6 +1,6 @@
 import torch
 
-from echoavatar.nn import CausalBlock, FullBlock, Mlp
+from echoavatar.nn.blocks import CausalBlock, FullBlock, Mlp
 
 
 def test_a_block_is_two_pre_norm_residuals():

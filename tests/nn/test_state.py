@@ -29,16 +29,6 @@ def test_reset_zeroes_the_chosen_rows_of_every_tensor_nested_ones_included() -> 
     assert len(list(state.arrays())) == 4
 
 
-def test_restore_brings_back_only_the_chosen_rows() -> None:
-    state = filled()
-    saved = state.snapshot()
-    for tensor in state.arrays():
-        tensor[:] = 0
-    state.restore(saved, np.array([True, False, False]))
-    assert state.last.tolist() == [1, 0, 0]
-    assert state.rings[1].count.tolist() == [3, 0, 0]
-
-
 def test_rows_are_views_of_the_whole_states_rows() -> None:
     state = filled()
     part = state.rows(slice(1, 2))
@@ -59,10 +49,7 @@ def test_rows_begin_as_the_one_row_of_another_state() -> None:
 
 def test_modules_of_torch_keep_tensors_in_it() -> None:
     state = filled().mapped(torch.from_numpy)
-    saved = state.snapshot()
     state.reset(np.array([True, False, True]))
     assert state.last.tolist() == [0, 1, 0]
-    state.restore(saved, np.array([True, False, False]))
-    assert state.last.tolist() == [1, 1, 0]
     state.rows(slice(1, 2)).last[:] = 4
-    assert state.last.tolist() == [1, 4, 0]
+    assert state.last.tolist() == [0, 4, 0]

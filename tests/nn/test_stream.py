@@ -1,6 +1,6 @@
 import torch
 
-from echoavatar.nn import write_rows
+from echoavatar.nn.stream import write_rows
 
 
 def test_idle_rows_are_not_written() -> None:

@@ -8,7 +8,7 @@ from tests import golden as fixtures
 from echoavatar.checkpoint import load_into
 from echoavatar.models.tokenizer import MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
-from echoavatar.nn import lookback_mask
+from echoavatar.nn.attention import lookback_mask
 from echoavatar_lab.models.tokenizer.train import learning_quantizer
 
 

@@ -15,15 +15,11 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.server import companion
 from echoavatar.server.companion import MOST_SOUND, PERSONA, ChatModel, Companion, from_environment
 from echoavatar.server.ears import Ears
-from echoavatar.server.script import ChatTurn, Scripted, ToolAccess
+from echoavatar.server.script import ChatTurn, Scripted, ToolAccess, choices
 from echoavatar.wire.messages import ActionStatus, Hello
 
 Answer = Callable[[str, Any], tuple[int, Any]]
 URL = "http://127.0.0.1:9/v1"
-
-
-async def _refuse(name: str, arguments: dict[str, object]) -> dict[str, object]:
-    return {"status": "rejected"}
 
 
 def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
@@ -31,10 +27,10 @@ def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
 
 
 def test_choices_are_the_values_that_a_tool_declares() -> None:
-    doing = ToolAccess([_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse)
-    assert doing.choices("play_music", "title") == ["Waltz"]
-    assert doing.choices("send_action", "action") == []
-    assert doing.choices("stop_music", "title") == []
+    tools = [_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")]
+    assert choices(tools, "play_music", "title") == ["Waltz"]
+    assert choices(tools, "send_action", "action") == []
+    assert choices(tools, "stop_music", "title") == []
 
 
 @pytest.mark.parametrize("companion", [Scripted(), ChatModel("http://127.0.0.1:9/v1", model="m")])

@@ -1,8 +1,8 @@
 """The command line: parse, dispatch, print. May import every room, and loads only what the command needs.
 
-Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
-distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:
-0 done, 1 an error the user can put right (one line), 2 wrong usage.
+Each command is one module with `add_arguments(parser)` and `run(args) -> int`, and `EXAMPLES` below its help. Those in
+`SEPARATE` come with distributions of their own, which name the module in an entry point of `echoavatar.commands`. Exit
+codes: 0 done, 1 an error the user can put right (one line), 2 wrong usage.
 """
 
 import argparse
@@ -109,34 +109,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         with disk_errors("the output"):
             code: int = command_module(args.command).run(args)
             sys.stdout.flush()
-    except EchoAvatarError as error:
-        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
-        if argv is None:
-            _end_output()
-        return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package
 
         if (missing := missing_package(error)) is None:
             raise
         print(f"echoavatar: this needs {missing[0]}: {missing[1]}", file=sys.stderr)
-        return 1
+        code = 1
     except BrokenPipeError:  # the reader of our output has ended, as `head` does
-        if argv is None:
-            _end_output()
-        return 141
+        code = 141
+    except EchoAvatarError as error:
+        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
+        code = 1
     except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
         _LOG.debug("where it happened", exc_info=True)
         remedy = "; check its name, space and permissions" if error.filename else ""
         if "temporary directory" in str(error):  # Python names the folders that it tried
             remedy = "; set TMPDIR to a folder that can be written"
         print(f"echoavatar: {one_line(error)}{remedy}", file=sys.stderr)
-        if argv is None:
-            _end_output()
-        return 1
+        code = 1
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
-        return int(getattr(stop, "code", 130))
+        code = int(getattr(stop, "code", 130))
+    if code and argv is None:
+        _end_output()
     return code
 
 
@@ -201,7 +197,9 @@ def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:
             parents=[common],
         )
         if name in filled:
-            command_module(name).add_arguments(child)
+            module = command_module(name)
+            child.epilog = getattr(module, "EXAMPLES", None)
+            module.add_arguments(child)
             settings.apply(child, name)
     return parser
 

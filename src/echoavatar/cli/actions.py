@@ -26,7 +26,6 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-commands."""
-    parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     listing = kinds.add_parser("list", help="names, lengths and meanings")
     add = kinds.add_parser("add", help="make an action from a clip of 0.5 to 20 s on any humanoid rig")

@@ -43,7 +43,6 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("audio", type=local_path, nargs="+", metavar="AUDIO", help="wav, mp3, ...; - is standard input")
     add_outputs(parser, "sounds")
     add_pipeline(parser)

@@ -21,21 +21,20 @@ if TYPE_CHECKING:
 
 RATE_HZ = 25
 RETRY_S = 2.0
+EXAMPLES = """examples:
+  echoavatar serve                             in one terminal: open its page, and talk or play music there
+  echoavatar camera                            in another: choose the new camera in Zoom, Teams or OBS
+  echoavatar camera --view bust --background '#00ff00'   head and shoulders on green, to be keyed out
+  echoavatar camera --to rtmp://a.rtmp.youtube.com/live2/KEY   picture and sound to a streaming service
+  echoavatar camera --to talk.flv --seconds 60 record a minute of what is seen and heard
+
+It draws here; the server needs no --video. A virtual camera carries no sound: share that of the page.
+Linux needs v4l2loopback, Windows and macOS the virtual camera of OBS. More: docs/video.md
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar serve                             in one terminal: open its page, and talk or play music there\n"
-        "  echoavatar camera                            in another: choose the new camera in Zoom, Teams or OBS\n"
-        "  echoavatar camera --view bust --background '#00ff00'   head and shoulders on green, to be keyed out\n"
-        "  echoavatar camera --to rtmp://a.rtmp.youtube.com/live2/KEY   picture and sound to a streaming service\n"
-        "  echoavatar camera --to talk.flv --seconds 60 record a minute of what is seen and heard\n"
-        "\n"
-        "It draws here; the server needs no --video. A virtual camera carries no sound: share that of the page.\n"
-        "Linux needs v4l2loopback, Windows and macOS the virtual camera of OBS. More: docs/video.md\n"
-    )
     add_server(parser)
     parser.add_argument("--session", default="", metavar="NAME", help="the session to show (default: the newest)")
     parser.add_argument("--to", metavar="WHERE", help="rtmp://HOST/APP/KEY, or a file: .flv, .mp4, .mkv, .ts")
@@ -150,7 +149,7 @@ class _Show:
             self._source.take(Flush(at=0, epoch=0, seg=0, heard=0))
             return self._source
         shot = Shot(args.size, args.view, args.background, renderer=args.renderer)
-        source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
+        source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character)
         self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
         self._source = source
         self._is_there.set()

@@ -11,7 +11,6 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="your shell")
 
 

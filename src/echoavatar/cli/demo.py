@@ -15,16 +15,15 @@ from . import serve
 from .options import DEVICE_HELP, add_model, add_repeated, progress, seed
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
+EXAMPLES = """examples:
+  echoavatar demo             serve the live page on this machine and open it; Ctrl-C stops
+  echoavatar demo --sink vmc://127.0.0.1   the same, and the avatar moves in a VMC program too
+  echoavatar demo -o demo     write speech.mp4, music.mp4, speech.glb, music.glb and index.html
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar demo             serve the live page on this machine and open it; Ctrl-C stops\n"
-        "  echoavatar demo --sink vmc://127.0.0.1   the same, and the avatar moves in a VMC program too\n"
-        "  echoavatar demo -o demo     write speech.mp4, music.mp4, speech.glb, music.glb and index.html\n"
-    )
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving")
     parser.add_argument(
         "--port", type=int, default=8765, help="port of the live page; 0 takes any free one (default: %(default)s)"

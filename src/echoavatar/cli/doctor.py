@@ -22,6 +22,7 @@ from echoavatar.errors import DependencyError, EchoAvatarError
 from . import SEPARATE
 
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
+EXAMPLES = "ok: works. --: optional, and absent. !!: needed, and broken; the exit code is then 1."
 Finding = tuple[str, str, str]  # mark, what, remark
 EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
     "DracoPy": "gltf",
@@ -50,7 +51,6 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """There are none."""
-    parser.epilog = "ok: works. --: optional, and absent. !!: needed, and broken; the exit code is then 1."
 
 
 def run(args: argparse.Namespace) -> int:

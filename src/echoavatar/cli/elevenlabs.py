@@ -20,7 +20,6 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-command."""
-    parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     setup = kinds.add_parser("setup", help="create or update the tools and an agent that uses them")
     setup.add_argument("--agent", default="", metavar="ID", help="update this agent (default: the agent called --name)")

@@ -22,7 +22,6 @@ for the rig; without --rig, for the recording.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz, .bvh or .glb")
     parser.add_argument("--animation", metavar="NAME", help="which one of a .glb (default: the first)")
     add_outputs(parser, "recordings")

@@ -6,15 +6,15 @@ import sys
 
 from .options import add_repeated, add_server, choose_token
 
+EXAMPLES = """examples:
+  echoavatar mcp                        over standard input and output; agents start this themselves
+  echoavatar mcp --http --port 8767     over streamable HTTP, at http://127.0.0.1:8767/mcp
+Calls act on a session of a running `echoavatar serve`: the newest, or --session.
+"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar mcp                        over standard input and output; agents start this themselves\n"
-        "  echoavatar mcp --http --port 8767     over streamable HTTP, at http://127.0.0.1:8767/mcp\n"
-        "Calls act on a session of a running `echoavatar serve`: the newest, or --session.\n"
-    )
     add_server(parser)
     parser.add_argument(
         "--session", default="", metavar="NAME", help="the session to act on, by its public name (default: the newest)"

@@ -17,7 +17,6 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz, .bvh or .glb (.vrm, .vrma)")
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=f"{SINK_HELP}; repeat for more")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)

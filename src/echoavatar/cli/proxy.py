@@ -19,16 +19,16 @@ from .options import TOKEN, add_model, add_repeated
 if TYPE_CHECKING:
     from echoavatar.agents.proxy import ProxySettings
 
+EXAMPLES = """examples:
+  echoavatar proxy --upstream wss://api.openai.com/v1/realtime
+  echoavatar proxy --upstream ws://127.0.0.1:8765/v1/realtime --avatar http://127.0.0.1:8764 --tools
+Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key is passed on.
+docs/integrations/openai_realtime.md lists the events that the proxy adds.
+"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar proxy --upstream wss://api.openai.com/v1/realtime\n"
-        "  echoavatar proxy --upstream ws://127.0.0.1:8765/v1/realtime --avatar http://127.0.0.1:8764 --tools\n"
-        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key is passed on.\n"
-        "docs/integrations/openai_realtime.md lists the events that the proxy adds.\n"
-    )
     parser.add_argument("--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime")
     parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
     parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"token of that server; default ${TOKEN}")

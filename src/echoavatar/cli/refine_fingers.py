@@ -21,7 +21,6 @@ missing.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("motion", type=Path, metavar="IN.bvh", help="motion with missing or bad fingers")
     parser.add_argument("output", type=Path, metavar="OUT.bvh", help="output with new fingers")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)

@@ -22,7 +22,6 @@ palm and fingers, in metres. In a program: Pipeline(bundle, body=BodyProfile.loa
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("character", type=local_path, metavar="CHARACTER", help="rigged character, .glb, .vrm or .gltf")
     parser.add_argument("-o", "--output", type=Path, help="where to write, .json; without it --template prints")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)

@@ -17,16 +17,14 @@ PATIENCE_S = 60.0  # for the next second of motion
 SPARE_S = 60.0  # of motion beyond the sound
 BYTES_A_SECOND = 200_000  # of motion and sound, as they are kept; honest servers send half
 LEAST_BYTES = 1_000  # that a message takes, and each frame in it
+EXAMPLES = """examples:
+  echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz
+  echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback
+The last line is JSON: seconds of motion, of work and until the first motion, and bytes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz\n"
-        "  echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback\n"
-        "The last line is JSON: seconds of motion, of work and until the first motion, and bytes."
-    )
     parser.add_argument("audio", type=local_path, help="a file with sound, also a video")
     add_server(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
@@ -65,8 +63,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
         body = BodyOptions(**{name: getattr(args, name) for name in names})
         avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed, body=body))
         recorder = Recorder(avatar.ready)
-        group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
-        shown = stack.enter_context(closing(group))
+        shown = stack.enter_context(closing(SinkGroup(args.sink, avatar.ready.rig)))
         seconds = len(samples) / SAMPLE_RATE_HZ
         show = stack.enter_context(progress(total=seconds, unit="s", desc="motion"))
         wanted, left = 0, BYTES_A_SECOND * (seconds + SPARE_S)

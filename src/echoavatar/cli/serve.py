@@ -23,18 +23,18 @@ VIDEO_HELP = (
     "number, one for two processors. Each takes most of a processor (docs/video.md)"
 )
 
+EXAMPLES = """examples:
+  echoavatar serve                             for this machine only; open the address that it prints
+  echoavatar serve --host 0.0.0.0 --seats 8    for the network too; clients need a token
+  echoavatar serve --sink vmc://127.0.0.1      also show it in VSeeFace, Warudo, Unity, Unreal or Blender
+  echoavatar serve --video                     also as WebRTC video: /video shows it, any WHEP player can
+  echoavatar serve --model reference --sink unity://192.168.1.7
+                                               one session for a Unity project of the paper's authors
+"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar serve                             for this machine only; open the address that it prints\n"
-        "  echoavatar serve --host 0.0.0.0 --seats 8    for the network too; clients need a token\n"
-        "  echoavatar serve --sink vmc://127.0.0.1      also show it in VSeeFace, Warudo, Unity, Unreal or Blender\n"
-        "  echoavatar serve --video                     also as WebRTC video: /video shows it, any WHEP player can\n"
-        "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
-        "                                               one session for a Unity project of the paper's authors\n"
-    )
     add_pipeline(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")

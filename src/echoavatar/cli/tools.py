@@ -8,16 +8,15 @@ from typing import cast, get_args
 from .options import add_model
 
 FORMS = ("openai", "openai-chat", "gemini", "anthropic", "elevenlabs", "pipecat", "livekit", "mcp", "plain")
+EXAMPLES = """examples:
+  echoavatar tools --format openai                 for session.update of the Realtime API, and Responses
+  echoavatar tools --format gemini > tools.json
+A running server returns the same at /v1/tools?style=openai, with its own music.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = (
-        "examples:\n"
-        "  echoavatar tools --format openai                 for session.update of the Realtime API, and Responses\n"
-        "  echoavatar tools --format gemini > tools.json\n"
-        "A running server returns the same at /v1/tools?style=openai, with its own music.\n"
-    )
     parser.add_argument("--format", choices=FORMS, default="openai", help="framework (default: %(default)s)")
     add_model(parser)
     parser.add_argument("--music", type=Path, metavar="FOLDER", help="more tracks for play_music")

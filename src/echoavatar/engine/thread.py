@@ -17,7 +17,7 @@ MOST_BETWEEN_S = 5.0  # that count between two looks at a step; for longer, the 
 
 
 class EngineThread:
-    """Runs an engine from `start` to `stop`; as a context manager it does both.
+    """Runs an engine, as a context manager.
 
     A fault of a session ends that session, a fault of the engine restarts it. If it fails again and again, all threads
     end, and `error` holds the last fault. `watch` notices a step that never ends.
@@ -42,13 +42,13 @@ class EngineThread:
         """Whether all threads run."""
         return all(thread.is_alive() for thread in self._threads)
 
-    def start(self) -> Self:
+    def __enter__(self) -> Self:
         """Start all threads."""
         for thread in self._threads:
             thread.start()
         return self
 
-    def stop(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let each thread finish the step in hand, and end; a thread whose step never ends is left behind."""
         self._stopping.set()
         self.engine.wake()
@@ -70,12 +70,6 @@ class EngineThread:
             self.error, self.is_stuck = TimeoutError(f"a step has lasted {lasted:.0f} s"), True
             self._stopping.set()
             _LOG.error("the engine stopped: %s", self.error)
-
-    def __enter__(self) -> Self:
-        return self.start()
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     def _run(self) -> None:
         while True:

@@ -1,51 +1,26 @@
 """Tools for language models: what a model may do with the avatar, declared in the form of every framework.
 
 The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A call that
-asks for another one is answered with "rejected" and the list; nothing is raised. The model need not say anything about
-the result of a tool.
+asks for another one is rejected with the list (`checked`). The model need not say anything about the result of a tool.
 
 `render` makes the declarations in the form that each framework takes. Fields that a framework does not know are left
 out (`additionalProperties` for Gemini, bounds for ElevenLabs); only fields that it requires are added. A gesture needs
 no comment by the model, so ElevenLabs is told to expect a response from the tools in `TELLING` only.
 """
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, Literal, Protocol
-
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 from echoavatar.engine.pipeline.actions import LONGEST_S, ActionLibrary
 from echoavatar.errors import EchoAvatarError
 
-from .action_scheduler import STRONGEST, ActStatus
+from .action_scheduler import STRONGEST
 from .music import Tracks
 
-TrackLoader = Callable[[str], Awaitable[Float[np.ndarray, " s"]]]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
 Schema = dict[str, Any]
 Style = Literal["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp", "elevenlabs", "pipecat", "livekit"]
 TELLING = ("list_actions",)  # tools whose answer the model needs
-
-
-class Actor(Protocol):
-    """The session that the tools act on: an engine's, or a server's."""
-
-    def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
-        """Begin an action."""
-        ...
-
-    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
-        """Change how the speaker gestures."""
-        ...
-
-    def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
-        """Play a track, 24 kHz mono."""
-        ...
-
-    def stop_music(self) -> None:
-        """Fade the music out."""
-        ...
 
 
 class Toolbox:
@@ -54,12 +29,12 @@ class Toolbox:
     def __init__(self, actions: ActionLibrary, tracks: Tracks, *, has_manner: bool = False) -> None:
         """`has_manner` says whether the model follows the manner of a session."""
         self._tracks, self._has_manner = tracks, has_manner
-        self._meanings = {name: action.about for name, action in actions.items() if name not in HIDDEN}
+        self.meanings = {name: action.about for name, action in actions.items() if name not in HIDDEN}
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
         """Declarations in a framework's form, see `render`; their enums are those of the libraries now."""
-        meanings = "; ".join(f"{name}: {about}" for name, about in self._meanings.items())
-        action = {"type": "string", "enum": list(self._meanings), "description": f"What to do. {meanings}"}
+        meanings = "; ".join(f"{name}: {about}" for name, about in self.meanings.items())
+        action = {"type": "string", "enum": list(self.meanings), "description": f"What to do. {meanings}"}
         intensity = _number("How strongly; 1 is normal.", STRONGEST)
         hold = _number("Seconds to hold it; left out, it takes its natural time.", LONGEST_S)
         title: Schema = {"type": "string", "description": "Left out, the first one plays."}
@@ -85,35 +60,6 @@ class Toolbox:
             about = "Change how lively the avatar gestures from now on."
             plain.insert(1, _tool("set_manner", about, {"liveliness": liveliness}))
         return render(style, plain)
-
-    async def call(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:
-        """Run the tool that a model asked for; failure is an answer, not an exception.
-
-        `load` decodes a track, which may take a while, away from the event loop.
-        """
-        try:
-            given = checked(self.schemas(), name, arguments)
-            match name:
-                case "send_action":
-                    asked = session.act(
-                        given["action"], intensity=given.get("intensity", 1.0), hold_s=given.get("hold")
-                    )
-                    reason = {"reason": asked.reason} if asked.reason else {}
-                    return {"status": asked.status, "id": asked.id, "action": asked.name} | reason
-                case "set_manner":
-                    session.set_manner(**given)
-                    return {"status": "done"}
-                case "play_music":
-                    title = self._tracks.find(given.get("title"))
-                    session.play(title, await load(title))
-                    return {"status": "accepted", "title": title}
-                case "stop_music":
-                    session.stop_music()
-                    return {"status": "done"}
-                case _:
-                    return {"actions": dict(self._meanings)}
-        except EchoAvatarError as error:
-            return {"status": "rejected", "reason": str(error)}
 
 
 def _number(description: str, most: float) -> Schema:

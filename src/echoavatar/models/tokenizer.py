@@ -20,7 +20,9 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.motion.kinematics import Skeleton, part_sizes
-from echoavatar.nn import CausalBlock, Mlp, StreamingModule, StreamState
+from echoavatar.nn import StreamState
+from echoavatar.nn.blocks import CausalBlock, Mlp
+from echoavatar.nn.stream import StreamingModule
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from .quantize import ResidualVectorQuantizer

@@ -102,9 +102,9 @@ class Gaze:
         heed = self.shares(chunk, is_wanted=heeds)
         looks = smootherstep(self._fade.shares(chunk, is_wanted=speech is not None)).astype(np.float32)
         glances = self.glances(chunk, np.zeros(0, np.float32) if speech is None else speech, len(motion.root))
-        motion = turn_head(motion, heed, skeleton, helps=looks)
+        motion = turn_head(motion, heed, looks, skeleton)
         motion = motion if overlay is None else apply_overlay(motion, overlay, skeleton)
-        return turn_eyes(motion, np.maximum(heed, looks), skeleton, glances=glances * looks[:, None])
+        return turn_eyes(motion, np.maximum(heed, looks), glances * looks[:, None], skeleton)
 
     def shares(self, chunk: int, *, is_wanted: bool) -> Float[np.ndarray, " t"]:
         """How far the head has turned to a user who speaks, in each frame of a chunk, smoothed, 0 to 1."""
@@ -158,17 +158,12 @@ def between(ends: Sequence[float] | Float[np.ndarray, " 2"], share: float) -> fl
 
 
 def turn_head(
-    motion: MotionChunk,
-    shares: Float[np.ndarray, " t"],
-    skeleton: Skeleton,
-    *,
-    helps: Float[np.ndarray, " t"] | None = None,
+    motion: MotionChunk, shares: Float[np.ndarray, " t"], helps: Float[np.ndarray, " t"], skeleton: Skeleton
 ) -> MotionChunk:
     """Turn neck and head to the viewer; a rig without them is left as it is.
 
     Where `helps` asks for more, they turn by that share of `HELPS` of what the eyes leave them.
     """
-    helps = np.zeros_like(shares) if helps is None else helps
     if not (shares.any() or helps.any()) or not _has_neck(skeleton):
         return motion
     below, neck, head = _chain(motion, skeleton)
@@ -186,18 +181,14 @@ def turn_head(
 
 
 def turn_eyes(
-    motion: MotionChunk,
-    shares: Float[np.ndarray, " t"],
-    skeleton: Skeleton,
-    *,
-    glances: Float[np.ndarray, "t 2"] | None = None,
+    motion: MotionChunk, shares: Float[np.ndarray, " t"], glances: Float[np.ndarray, "t 2"], skeleton: Skeleton
 ) -> MotionChunk:
     """Turn the eyes to the viewer, or beside (`glances`), from where the head faces, within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
     viewer = _chain(motion, skeleton)[2][:, 2].T  # the direction of the world's +Z in the head's axes
     is_ahead = np.clip((BEHIND - np.arccos(np.clip(viewer[2], -1, 1))) / (BEHIND - WELCOME), 0, 1)
-    left, up = (0.0, 0.0) if glances is None else glances.T
+    left, up = glances.T
     yaw = np.clip((np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) + left) / LOOK, -1, 1) * is_ahead
     pitch = np.clip((np.arcsin(np.clip(viewer[1], -1, 1)) + up) / LOOK, -1, 1) * is_ahead
     face, own = motion.face.copy(), (1 - (1 - GLANCES) * shares)[:, None]

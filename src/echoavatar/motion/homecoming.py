@@ -15,7 +15,7 @@ from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 from .ik.limbs import Chains, Legs, bend, legs_of
-from .kinematics import Skeleton
+from .kinematics import Motion, Skeleton
 from .kinematics.easing import smoothstep
 from .kinematics.quaternions import minus, plus, read_quaternion, read_vector, rotate_back, write_vector
 from .motion_chunk import KEPT, MotionChunk
@@ -167,7 +167,6 @@ def carry(legs, world, places, rotations, root, hips, feet):  # type: ignore[no-
 
 def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop; a machine does so once."""
-    still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
-    still[..., 0] = 1
+    rest = Motion.at_rest(skeleton)
     if (legs := legs_of(skeleton)) is not None:
-        Homecoming(skeleton)._walk(MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), _Way(), legs)
+        Homecoming(skeleton)._walk(MotionChunk(rest.rotations, rest.root), _Way(), legs)

@@ -15,7 +15,7 @@ import numpy as np
 from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-from .kinematics import Skeleton
+from .kinematics import Motion, Skeleton
 from .kinematics.quaternions import (
     conjugate,
     from_rotation_vector,
@@ -171,9 +171,8 @@ class IdleMotion:
 
 def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop; a machine does so once."""
-    still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
-    still[..., 0] = 1
-    IdleMotion(0).apply(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
+    rest = Motion.at_rest(skeleton)
+    IdleMotion(0).apply(0, MotionChunk(rest.rotations, rest.root), skeleton, is_idle=True)
 
 
 def _joint(skeleton: Skeleton, name: str) -> int:

@@ -77,7 +77,7 @@ class _Offset:
 
     def __init__(self, old: MotionChunk, new: MotionChunk) -> None:
         self._frame = 0
-        (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
+        (before, last), (first, second) = (part.rotations[:2].astype(np.float64) for part in (old, new))
         old_step, new_step = _rotation_between(before, last), _rotation_between(first, second)
         back = quaternion_multiply(quaternion_from_axis_angle(-new_step), first)  # one frame before the new motion
         self._rotation = _rotation_between(back, last)
@@ -107,7 +107,7 @@ class _Offset:
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
         offset = self._rotation * value[..., None] + self._spin * (slope * self._seconds)[..., None]
-        blended = quaternion_multiply(quaternion_from_axis_angle(offset), _doubles(chunk.rotations))
+        blended = quaternion_multiply(quaternion_from_axis_angle(offset), chunk.rotations.astype(np.float64))
         value, slope = _decay(time[:, None] / self._root_seconds)
         root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
         face = chunk.face
@@ -122,10 +122,6 @@ def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, 
     """Decay of a unit difference and of a unit speed; both are quintics that end at rest where `share` is 1."""
     s = np.minimum(share, 1)
     return 1 - smootherstep(s), s * (1 - s) ** 3 * (1 + 3 * s)
-
-
-def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Array, "t j 4"]:
-    return rotations.astype(np.float64)
 
 
 def _rotation_between(a: Float[Array, "j 4"], b: Float[Array, "j 4"]) -> Float[Array, "j 3"]:

@@ -37,15 +37,6 @@ class StreamState:
         for part in self.arrays():
             part[rows] = 0
 
-    def snapshot(self) -> list[Any]:
-        """A copy of every array, for `restore`."""
-        return [part.copy() if isinstance(part, np.ndarray) else part.clone() for part in self.arrays()]
-
-    def restore(self, snapshot: list[Any], rows: Bool[np.ndarray, " b"]) -> None:
-        """Put the chosen rows back to what they were at `snapshot`."""
-        for part, saved in zip(self.arrays(), snapshot, strict=True):
-            part[rows] = saved[rows]
-
     def overwrite(self, rows: Bool[np.ndarray, " b"], source: Self) -> None:
         """Make the chosen rows equal to the one row of `source`."""
         for part, row in zip(self.arrays(), source.arrays(), strict=True):

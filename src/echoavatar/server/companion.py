@@ -28,7 +28,7 @@ from echoavatar.wire.guard import check_origin
 from .ears import INSTALL, Ears, find_ears
 from .script import ChatTurn, Scripted, ToolAccess, phrases
 from .session_manager import SessionManager
-from .tool_routes import answering, asked_session, read_body, read_json
+from .tool_routes import answering, asked_session, call_tool, read_body, read_json
 from .voice import INSTALL as VOICE_INSTALL
 from .voice import voices
 
@@ -230,7 +230,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
         did: list[dict[str, Any]] = []
 
         async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-            result = await manager.toolbox.call(session, name, arguments, manager.load_track)
+            result = await call_tool(manager, session, name, arguments)
             did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
             return result
 
@@ -259,11 +259,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
 
 def local_ears(manager: SessionManager) -> Ears | None:
     """What hears on this machine: anything, or the script's phrases, or nothing."""
-
-    async def nothing(_: str, __: dict[str, Any]) -> dict[str, Any]:
-        return {}
-
-    return find_ears(tuple(phrases(ToolAccess(manager.toolbox.schemas("openai-chat"), nothing))))
+    return find_ears(tuple(phrases(manager.toolbox.schemas("openai-chat"))))
 
 
 def who_talks(manager: SessionManager) -> str:

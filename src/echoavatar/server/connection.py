@@ -190,8 +190,7 @@ class Connection:
             await anyio.lowlevel.checkpoint()
 
     async def _play(self, session: ServerSession, message: Music) -> None:
-        tracks = self._manager.tracks
-        title = message.title or next(iter(tracks.titles), "")
+        tracks, title = self._manager.tracks, message.title
         try:
             title = tracks.find(title)
             session.play(title, await self._manager.load_track(title), id=message.id)

@@ -48,11 +48,6 @@ class ToolAccess(NamedTuple):
     tools: Sequence[Mapping[str, Any]]
     do: Do
 
-    def choices(self, name: str, argument: str) -> list[str]:
-        """The values that an argument of a tool may take; empty if the tool does not list any."""
-        arguments = {tool["function"]["name"]: tool["function"]["parameters"]["properties"] for tool in self.tools}
-        return list(arguments.get(name, {}).get(argument, {}).get("enum", ()))
-
 
 class Cue(NamedTuple):
     """Phrases, the lines to say if one is said, and the tool and action that go with them."""
@@ -134,14 +129,14 @@ class Scripted:
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """A line in answer to `said`; starts the action or music that goes with it."""
         text, turn = said.lower(), len(history)
-        named = _find_action(text, doing.choices("send_action", "action"))
+        named = _find_action(text, choices(doing.tools, "send_action", "action"))
         if named:
             await doing.do("send_action", {"action": named})
             return ACTION_LINES[turn // 2 % len(ACTION_LINES)]
         for cue in CUES:
             if re.search(rf"\b({'|'.join(cue.phrases)})\b", text):
                 if cue.tool == "play_music":
-                    await doing.do(cue.tool, _title_argument(text, doing.choices("play_music", "title")))
+                    await doing.do(cue.tool, _title_argument(text, choices(doing.tools, "play_music", "title")))
                 elif cue.tool:
                     await doing.do(cue.tool, {})
                 if cue.action:
@@ -167,10 +162,16 @@ def _title_argument(text: str, titles: Sequence[str]) -> dict[str, str]:
     return {"title": best} if best and scores[best] else {}
 
 
-def phrases(doing: ToolAccess) -> list[str]:
+def choices(tools: Sequence[Mapping[str, Any]], name: str, argument: str) -> list[str]:
+    """The values that an argument of a tool may take; empty if the tool does not list any."""
+    arguments = {tool["function"]["name"]: tool["function"]["parameters"]["properties"] for tool in tools}
+    return list(arguments.get(name, {}).get(argument, {}).get("enum", ()))
+
+
+def phrases(tools: Sequence[Mapping[str, Any]]) -> list[str]:
     """What the script answers to: names of actions, titles of tracks, and its cues."""
-    actions = doing.choices("send_action", "action")
+    actions = choices(tools, "send_action", "action")
     own = [name.replace("_", " ") for name in actions]
     own += [words for words, name in SYNONYMS.items() if name in actions]
-    titles = [f"{play}{title.lower()}" for title in doing.choices("play_music", "title") for play in _PLAY]
+    titles = [f"{play}{title.lower()}" for title in choices(tools, "play_music", "title") for play in _PLAY]
     return [*own, *titles, *(phrase for cue in CUES for phrase in cue.phrases)]

@@ -21,7 +21,7 @@ from echoavatar.engine import Engine, EngineThread
 from echoavatar.engine.engine import give_back
 from echoavatar.engine.manner import SET
 from echoavatar.engine.music import Tracks
-from echoavatar.engine.tools import HIDDEN, Toolbox
+from echoavatar.engine.tools import Toolbox
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.stages.modes import MotionOptions
@@ -70,7 +70,7 @@ class SessionManager:
         self._tracing: Any = None  # `Tracing`, with its first session
         self._restarts = 0  # of the engine, as clients know them
         self._decoders = CapacityLimiter(MOST_DECODERS)
-        self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
+        self._actions = tuple(self.toolbox.meanings)
         self._sinks = SinkRouter(settings.sinks, self.rig)
 
     @property

@@ -1,6 +1,6 @@
 """Tools over HTTP, for agents without a connection of their own to a session: declarations and calls."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, cast, get_args
 
 import anyio
@@ -10,7 +10,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from echoavatar.engine.tools import Schema, Style
+from echoavatar.engine.tools import Schema, Style, checked
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.wire.codec import ProtocolError
@@ -61,13 +61,38 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
             raise EchoAvatarError('"arguments" must be an object')
         session = asked_session(manager, request, message)
         await manager.clients.check("commands", client_of(request.scope))
-        return await manager.toolbox.call(session, request.path_params["name"], arguments, manager.load_track)
+        return await call_tool(manager, session, request.path_params["name"], arguments)
 
     return [
         Route("/v1/tools", answering(manager, declarations)),
         Route("/v1/tools/{name}", answering(manager, call), methods=["POST"]),
         Route("/v1/sessions", answering(manager, sessions)),
     ]
+
+
+async def call_tool(manager: SessionManager, session: ServerSession, name: str, arguments: Mapping[str, Any]) -> Schema:
+    """Run the tool that a model asked for; failure is an answer, not an exception."""
+    try:
+        given = checked(manager.toolbox.schemas(), name, arguments)
+        match name:
+            case "send_action":
+                asked = session.act(given["action"], intensity=given.get("intensity", 1.0), hold_s=given.get("hold"))
+                reason = {"reason": asked.reason} if asked.reason else {}
+                return {"status": asked.status, "id": asked.id, "action": asked.name} | reason
+            case "set_manner":
+                session.set_manner(**given)
+                return {"status": "done"}
+            case "play_music":
+                title = manager.tracks.find(given.get("title"))
+                session.play(title, await manager.load_track(title))
+                return {"status": "accepted", "title": title}
+            case "stop_music":
+                session.stop_music()
+                return {"status": "done"}
+            case _:
+                return {"actions": manager.toolbox.meanings}
+    except EchoAvatarError as error:
+        return {"status": "rejected", "reason": str(error)}
 
 
 def answering(

@@ -133,7 +133,6 @@ async def serve_websockets(
     host: str,
     port: int,
     *,
-    connections: int = CONNECTIONS,
     files_each: int = 1,
     noisy_logs: tuple[str, ...] = (),
     **options: Any,
@@ -143,7 +142,7 @@ async def serve_websockets(
     Lines of `noisy_logs`, which clients can cause, are limited. Further options are the library's. Raises as `listen`.
     """
     log_less(*noisy_logs)
-    guard = ConnectionGuard(count_places(connections, files_each=files_each))
+    guard = ConnectionGuard(count_places(CONNECTIONS, files_each=files_each))
     return await start_websockets(
         handler, sock=listen(host, port), backlog=BACKLOG, create_connection=guard.websocket, **options
     )

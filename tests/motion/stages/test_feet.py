@@ -13,6 +13,7 @@ from echoavatar.motion.stages.feet import (
     CLEARANCE,
     ENTER_HEIGHT,
     FADE,
+    LARGEST,
     LEAVE_HEIGHT,
     LEAVE_SPEED,
     RISE,
@@ -39,7 +40,8 @@ def step(
 
     def chunk(turns: np.ndarray, places: np.ndarray) -> np.ndarray:
         pose = pose_of(turns, places)
-        feet.step(pose, CHAINS.pose(pose.rotations), state, on)
+        largest = np.full(len(turns), LARGEST)
+        feet.step(pose, CHAINS.pose(pose.rotations), state, on, decoded_root=pose.root, largest=largest)
         return matrices_of(pose)
 
     return in_pieces(chunk, rotations, root, sizes=sizes)
@@ -261,5 +263,6 @@ def test_a_rig_without_feet_is_passed_through() -> None:
     footless = Feet(Skeleton(HUMANOID.config.model_copy(update={"feet": ()})), CHAINS)
     pose = pose_of(*sliding(8))
     before = quaternions_of(pose)
-    footless.step(pose, CHAINS.pose(pose.rotations), footless.init_state(1), everyone(1))
+    state, how = footless.init_state(1), {"decoded_root": pose.root, "largest": np.full(1, LARGEST)}
+    footless.step(pose, CHAINS.pose(pose.rotations), state, everyone(1), **how)
     assert np.array_equal(quaternions_of(pose), before)

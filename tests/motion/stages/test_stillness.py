@@ -1,5 +1,7 @@
 """A hand that hardly moves rests, also beside one that works; one that gestures is hardly late."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from tests.motion.stages.poses import everyone
@@ -151,10 +153,10 @@ def test_a_row_that_is_not_active_keeps_its_state_and_its_pose():
     stage = Stillness(HUMANOID)
     state, moves = stage.init_state(1), forearms(0.2 * np.sin(4 * TIME), 0 * TIME)
     stage.step(Pose(moves[:, :8].copy(), np.zeros((1, 8, 3), np.float32), 30.0), state, everyone(1))
-    before, part = state.snapshot(), moves[:, 60:68].copy()
+    before, part = deepcopy(state), moves[:, 60:68].copy()
     stage.step(Pose(part, np.zeros((1, 8, 3), np.float32), 30.0), state, ~everyone(1))
     assert np.array_equal(part, moves[:, 60:68])
-    assert all(bool((now == then).all()) for now, then in zip(state.arrays(), before, strict=True))
+    assert all(bool((now == then).all()) for now, then in zip(state.arrays(), before.arrays(), strict=True))
 
 
 def test_a_rig_without_arms_is_left_as_it_is():

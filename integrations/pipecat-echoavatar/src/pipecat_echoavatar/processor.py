@@ -266,7 +266,7 @@ class EchoAvatarProcessor(FrameProcessor):
 
     def _make_pictured(self, shot: Shot) -> VideoSource:
         ready = self.bridge.ready
-        return VideoSource(ready.rig, shot, character=self._character, curves=len(ready.face))
+        return VideoSource(ready.rig, shot, character=self._character)
 
     async def _film(self, pictured: VideoSource) -> None:
         """Push pictures of what is heard; the transport shows each at once."""

@@ -30,7 +30,7 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.nn import FullBlock
+from echoavatar.nn.blocks import FullBlock
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 from echoavatar_lab.models.audio.decoding import decode
 

@@ -28,7 +28,7 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import FeatureStatistics
-from echoavatar.nn import FullBlock
+from echoavatar.nn.blocks import FullBlock
 from echoavatar.stored import read_config
 from echoavatar.timing import (
     FRAMES_PER_MOTION_TOKEN,

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics
-from echoavatar.nn import FullBlock, Mlp
+from echoavatar.nn.blocks import FullBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder

@@ -72,7 +72,6 @@ TARGET_SETTINGS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-commands."""
-    parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     grpo = kinds.add_parser("grpo", help="compare the continuations of a prompt with each other")
     dpo = kinds.add_parser("dpo", help="learn from preferred and rejected continuations")

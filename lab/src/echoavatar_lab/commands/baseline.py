@@ -31,7 +31,6 @@ rehearse`, `data prepare` or `data merge`.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("kind", choices=("mean", "random", "nearest"), help="which baseline")
     parser.add_argument("audio", nargs="+", type=Path, metavar="AUDIO", help="audio files, clips, or a corpus")
     parser.add_argument("--train", type=Path, required=True, metavar="CORPUS", help="corpus that motion is taken from")

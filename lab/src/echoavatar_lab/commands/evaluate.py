@@ -24,7 +24,6 @@ CAPTURED_HELP = "folder of the named clips of captured people: our list, or its 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments, and the measures with their own."""
-    parser.epilog = EXAMPLES
     parser.add_argument("model", metavar="BUNDLE", help="bundle name or folder")
     _shared(parser, "corpus", "clips", "recordings", "seconds", "repeats")
     parser.add_argument(

@@ -11,7 +11,6 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="output folder of `train`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="picture: .png, .svg or .pdf")
     parser.add_argument("--metrics", nargs="+", default=[], metavar="NAME", help="only these (default: all)")

@@ -56,7 +56,6 @@ WITH = ("main", "beat2", ALL, STUDY)  # tables with lines of other systems
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("table", choices=(*TABLES, ALL, STUDY), help="which table")
     parser.add_argument(
         "--scale",

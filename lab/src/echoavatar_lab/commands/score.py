@@ -32,7 +32,6 @@ dropped, and nothing in the file is run). What each row means: docs/metrics.md.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = EXAMPLES
     parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
     parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
     parser.add_argument("--model", metavar="BUNDLE", help="bundle that first makes MADE for the sounds of TRUE")

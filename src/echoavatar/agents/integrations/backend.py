@@ -24,73 +24,59 @@ def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | N
     An engine or bundle runs in this process. `port` then serves its page, on this machine only; 0 takes any free port.
     """
     if isinstance(where, str) and "://" in where:
-        return RemoteBackend(where, token)
+        return AvatarBackend(stream_url(where), token)
     return LocalBackend(where, port=port)
 
 
-class RemoteBackend:
+class AvatarBackend:
     """A server."""
 
     def __init__(self, url: str, token: str) -> None:
-        self._url, self._token = stream_url(url), token
-        self._tools = RemoteTools(url, token=token)
+        self._url, self._token = url, token
 
     async def open(self, hello: Hello) -> Avatar:
         """Open a session there; raises as `Avatar.open`."""
-        avatar = Avatar(self._url, msgspec.structs.replace(hello, token=self._token))
+        avatar = Avatar(stream_url(await self._reach()), msgspec.structs.replace(hello, token=self._token))
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
         """The tools that a language model may call there, see `RemoteTools.schemas`."""
-        return await asyncio.to_thread(self._tools.schemas)
+        return await asyncio.to_thread(RemoteTools(await self._reach(), token=self._token).schemas)
 
     async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
         """Call one of them on a session, see `RemoteTools.call`."""
-        return await RemoteTools(self._tools.base, token=self._token, session=session).call_async(name, arguments)
+        return await RemoteTools(await self._reach(), token=self._token, session=session).call_async(name, arguments)
 
     def page(self, session: str) -> str:
         """Address of the server's page."""
         key = f"#token={self._token}" if self._token else ""
-        return f"{self._tools.base}/?watch={session}{key}"
+        return f"{RemoteTools(self._url).base}/?watch={session}{key}"
 
     async def close(self) -> None:
         """Nothing to release: the server is not ours."""
 
+    async def _reach(self) -> str:
+        """The server's address."""
+        return self._url
 
-class LocalBackend:
-    """An engine in this process, behind a server that starts with the first session.
+
+class LocalBackend(AvatarBackend):
+    """An engine in this process, behind a server that starts with the first session; to load the model takes a while.
 
     Without a port for its page, any free one is taken, and only this object knows the token.
     """
 
     def __init__(self, where: "str | Path | Engine", *, port: int | None = None) -> None:
+        super().__init__("", secrets.token_urlsafe(16) if port is None else "")
         self._where, self._port = where, port
-        self._token = secrets.token_urlsafe(16) if port is None else ""
         self._app: Any = None
-        self._server: RemoteBackend | None = None  # once it can be reached
         self._running: asyncio.Task[None] | None = None
         self._started, self._stopped = asyncio.Event(), asyncio.Event()
 
-    async def open(self, hello: Hello) -> Avatar:
-        """Open a session here; the first one loads the model, which takes a while.
-
-        Raises:
-            ProtocolError: no seat is free.
-        """
-        return await (await self._start()).open(hello)
-
-    async def tools(self) -> list[Schema]:
-        """The tools for the bundle's actions and the built-in music."""
-        return await (await self._start()).tools()
-
-    async def call(self, name: str, arguments: Mapping[str, Any], session: str) -> Schema:
-        """Call one of them on a session; failure is an answer, not an exception."""
-        return await (await self._start()).call(name, arguments, session)
-
     def page(self, session: str) -> str:
         """Address of the page if a port was given, else empty."""
-        return "" if self._port is None or self._server is None else self._server.page(session)
+        return "" if self._port is None or not self._url else super().page(session)
 
     async def close(self) -> None:
         """Stop the engine."""
@@ -98,16 +84,16 @@ class LocalBackend:
         if self._running is not None:
             await asyncio.wait([self._running])
 
-    async def _start(self) -> RemoteBackend:
+    async def _reach(self) -> str:
         if self._running is None:
             self._running = asyncio.ensure_future(self._run())
         waiting = asyncio.ensure_future(self._started.wait())
         await asyncio.wait([waiting, self._running], return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
-        if self._running.done() or self._server is None:
+        if self._running.done() or not self._url:
             await self._running  # raises what went wrong
             raise EchoAvatarError("this engine was closed; open another")
-        return self._server
+        return self._url
 
     async def _run(self) -> None:
         """Run the application in one task, because a task group must end in the task that began it."""
@@ -121,11 +107,8 @@ class LocalBackend:
             await serving
 
     def _be_found(self, address: str) -> None:
-        self._server = RemoteBackend(address, self._token)
+        self._url = address
         self._started.set()
-
-
-AvatarBackend = RemoteBackend | LocalBackend
 
 
 class _LocalServer(Server):

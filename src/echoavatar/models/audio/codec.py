@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from echoavatar.checkpoint import Checkpointed
-from echoavatar.nn import StreamingModule
+from echoavatar.nn.stream import StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .codec_config import CODE_LAYERS, CodecConfig

@@ -19,7 +19,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn import StreamState
+from echoavatar.nn.stream import write_rows
 
 from .codec_config import CodecConfig
 

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
-from echoavatar.nn import FullBlock, Mlp
+from echoavatar.nn.blocks import FullBlock, Mlp
 
 from .clips import BODY_SIZE, HAND_SIZE, HandBasis
 

@@ -15,7 +15,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.nn import StreamingModule, StreamState, write_rows
+from echoavatar.nn import StreamState
+from echoavatar.nn.stream import StreamingModule, write_rows
 
 from ..tokens import Interleaved, Prefix
 from .config import AUDIO_FRAMES_PER_TOKEN, Precision

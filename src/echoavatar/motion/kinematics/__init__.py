@@ -13,14 +13,13 @@ Each kind of array has one arithmetic:
 | retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
-from .features import MotionFrames, from_features, part_sizes, to_features
+from .features import from_features, part_sizes, to_features
 from .motion import Motion, Pose, forward_kinematics
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig, SkinWeights
 
 __all__ = [
     "HUMANOID",
     "Motion",
-    "MotionFrames",
     "Pose",
     "Skeleton",
     "SkeletonConfig",

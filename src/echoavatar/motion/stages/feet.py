@@ -77,20 +77,17 @@ class Feet:
         state: FeetState,
         active: Bool[Array, " b"],
         *,
-        decoded_root: Float[Array, "b t 3"] | None = None,
-        largest: Float[Array, " b"] | None = None,
+        decoded_root: Float[Array, "b t 3"],
+        largest: Float[Array, " b"],
     ) -> None:
         """Bend the legs of `pose` in place so that planted feet stay; `chains` is the pose's.
 
         `decoded_root` is the root before the leash, by which feet are told to stand or step. `largest` is how far a
         foot may be held from its decoded place, metres, per row.
         """
-        if self._legs is None:
-            return
-        free = pose.root if decoded_root is None else decoded_root
-        far = np.full(len(pose.root), LARGEST) if largest is None else largest
-        memory = tuple(vars(state).values())
-        lock(self._legs, self._standing, chains, pose.rotations, pose.root, free, pose.fps, far, memory, active)
+        if self._legs is not None:
+            poses, memory = (chains, pose.rotations, pose.root, decoded_root), tuple(vars(state).values())
+            lock(self._legs, self._standing, *poses, pose.fps, largest, memory, active)
 
 
 @kernel()

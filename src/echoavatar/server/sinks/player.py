@@ -113,12 +113,11 @@ def _interpolate(a: Pose, b: Pose, share: float) -> Pose:
 class SinkPlayer:
     """Plays a session into a sink. Messages and clock reports may come from any thread, and never wait for the sink."""
 
-    def __init__(self, sink: UdpSink, rig: Rig, *, curves: int = 52, name: str = "sink") -> None:
-        """`rig` and `curves` describe the motion messages."""
+    def __init__(self, sink: UdpSink, rig: Rig, *, name: str = "sink") -> None:
+        """`rig` is that of the motion messages."""
         self.shown, self.failed = 0, 0
         self._sink, self._name = sink, name
-        self._joints, self._curves = len(rig.names), curves
-        self._clock, self._track = FollowingClock(), PoseTrack()
+        self._joints, self._clock, self._track = len(rig.names), FollowingClock(), PoseTrack()
         self._queue = deque[Motion | Flush | tuple[int, Pose] | None](maxlen=MAX_QUEUED)
         self._told: Report | None = None
         self._stop = threading.Event()
@@ -174,7 +173,7 @@ class SinkPlayer:
                 case Flush(at=at):
                     self._track.cut(at)
                 case Motion() as motion:
-                    self._place(motion.at, unpack_pose(motion, joints=self._joints, curves=self._curves))
+                    self._place(motion.at, unpack_pose(motion, joints=self._joints))
                 case (at, pose):
                     self._place(at, pose)
         if self._told is not None:
@@ -199,10 +198,10 @@ class SinkPlayer:
 class SinkGroup:
     """Plays motion into several sinks when no player reports a playback position."""
 
-    def __init__(self, sinks: Iterable[str], rig: Rig, *, curves: int = 52) -> None:
+    def __init__(self, sinks: Iterable[str], rig: Rig) -> None:
         """Raises EchoAvatarError if an address is not valid."""
         made = [(text, make_sink(text, rig)) for text in sinks]
-        self.players = [SinkPlayer(sink, rig, curves=curves, name=text) for text, sink in made]
+        self.players = [SinkPlayer(sink, rig, name=text) for text, sink in made]
         self._start: tuple[int, float] | None = None  # a sample, and the time at which it is shown
         self._end = 0
 
@@ -223,8 +222,9 @@ class SinkGroup:
 
     def finish(self) -> None:
         """Wait until everything has been shown."""
-        while self.players and self._start is not None and (left := self._seconds_left(*self._start)) > 0:
-            time.sleep(left)
+        if self.players and self._start is not None:
+            at, since = self._start
+            time.sleep(max(0.0, since + (self._end - at) / SAMPLE_RATE_HZ - time.monotonic()))
 
     def close(self) -> None:
         """Stop all sinks."""
@@ -239,6 +239,3 @@ class SinkGroup:
         if self._start is not None:
             for player in self.players:
                 player.tell(*self._start, end)
-
-    def _seconds_left(self, at: int, since: float) -> float:
-        return since + (self._end - at) / SAMPLE_RATE_HZ - time.monotonic()

@@ -63,8 +63,8 @@ class VideoSource:
     milliseconds.
     """
 
-    def __init__(self, rig: Rig, shot: Shot, *, character: str = "", curves: int = 52) -> None:
-        """`rig` and `curves` describe the motion messages; `character` is a shipped one (empty: the first).
+    def __init__(self, rig: Rig, shot: Shot, *, character: str = "") -> None:
+        """`rig` is that of the motion messages; `character` is a shipped one (empty: the first).
 
         Raises:
             EchoAvatarError: there is no such character or background, or the rig is not the humanoid of 52 bones.
@@ -75,7 +75,6 @@ class VideoSource:
             )
         painted, paint = _painted(character)
         self._character, self._renderer = painted, AvatarRenderer(painted, shot, paint)
-        self._curves = curves
         self._sound, self._poses = SoundTrack(), PoseTrack()
         self._waiting = deque[Motion | Flush](maxlen=MOST_MOTION)
         self._followed: tuple[float, Float[np.ndarray, " 3"]] | None = None  # where the camera looks, and since when
@@ -125,7 +124,7 @@ class VideoSource:
             if isinstance(message, Flush):
                 self._poses.cut(message.at)
             else:
-                self._poses.put(message.at, unpack_pose(message, joints=HUMANOID.joints, curves=self._curves))
+                self._poses.put(message.at, unpack_pose(message, joints=HUMANOID.joints))
 
     def _follow(self, at: float, place: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
         """Where the camera looks: it follows the body slowly, so that a step does not shake the picture."""

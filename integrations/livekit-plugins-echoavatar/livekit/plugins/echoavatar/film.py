@@ -46,7 +46,7 @@ class Film(VideoGenerator):
     def __init__(self, bridge: AvatarBridge, shot: Shot, character: str = "") -> None:
         """Raises EchoAvatarError if there is no such character or background; the bridge has started."""
         self.shot = shot
-        self._pictured = VideoSource(bridge.ready.rig, shot, character=character, curves=len(bridge.ready.face))
+        self._pictured = VideoSource(bridge.ready.rig, shot, character=character)
         self._stream = LiveStream(
             self._pictured, lambda: bridge.playback.position(time.monotonic()), late_s=MOST_LATE_S
         )

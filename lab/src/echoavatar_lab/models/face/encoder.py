@@ -23,7 +23,9 @@ from torch import Tensor, nn
 
 from echoavatar.errors import DependencyError
 from echoavatar.models.face import HubertConfig, MelConfig
-from echoavatar.nn import Mlp, StateT, StreamingModule, StreamState, write_rows
+from echoavatar.nn import StreamState
+from echoavatar.nn.blocks import Mlp
+from echoavatar.nn.stream import StateT, StreamingModule, write_rows
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, exact_div
 
 _FLOOR = 1e-4  # of mel magnitudes

@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn import StreamState
+from echoavatar.nn.stream import write_rows
 
 from .gpt import WindowBlock
 

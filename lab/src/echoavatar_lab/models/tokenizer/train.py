@@ -29,7 +29,7 @@ from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokeni
 from echoavatar.motion.kinematics import Skeleton, part_sizes, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.nn import CausalBlock, Mlp
+from echoavatar.nn.blocks import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.data.statistics import measure_features

@@ -14,7 +14,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
-from echoavatar.nn import Mlp, StreamingModule, StreamState, write_rows
+from echoavatar.nn import StreamState
+from echoavatar.nn.blocks import Mlp
+from echoavatar.nn.stream import StreamingModule, write_rows
 
 KERNEL = 3
 DILATIONS = (1, 3, 9)
