@@ -124,8 +124,8 @@ def _told(
     return Told(accuracy, _interval(list(zip(right, (clips, their_clips), strict=True))))
 
 
-def _interval(sides: Sequence[tuple[np.ndarray, Sequence[str]]], seed: int = 0) -> Interval:
-    random, means = np.random.default_rng(seed), []
+def _interval(sides: Sequence[tuple[np.ndarray, Sequence[str]]]) -> Interval:
+    random, means = np.random.default_rng(0), []
     for right, clips in sides:
         own = [right[np.array(clips) == clip] for clip in dict.fromkeys(clips)]
         if len(own) < 2:
