@@ -82,9 +82,8 @@ def told_apart(ours: Sequence[Take], people: Sequence[Take], control: Sequence[T
     found, each, controls = {OURS: _told(own, [one.clip for one in made], others, true)}, {}, []
     for person in dict.fromkeys(one.person for one in known):
         is_it = np.array([one.person == person for one in known])
-        controls.append(
-            _told(held[is_it], _stretches([one.clip for one in known if one.person == person]), others, true)
-        )
+        clips = [one.clip for one in known if one.person == person]
+        controls.append(_told(held[is_it], clips, others, true))
     if controls:
         found[CONTROL] = _mean(controls)
     for person in dict.fromkeys(one.person for one in true):
@@ -101,13 +100,6 @@ def told_apart(ours: Sequence[Take], people: Sequence[Take], control: Sequence[T
 def _mean(several: Sequence[Told]) -> Told:
     ends = np.mean([one.interval for one in several], axis=0)
     return Told(float(np.mean([one.accuracy for one in several])), Interval(*ends.tolist()))
-
-
-def _stretches(clips: Sequence[str]) -> list[str]:
-    """The clips of a person's windows; a single one counts as four, quarter by quarter."""
-    if len(set(clips)) > 1:
-        return list(clips)
-    return [f"{clip}, quarter {4 * at // len(clips)}" for at, clip in enumerate(clips)]
 
 
 def _told(
