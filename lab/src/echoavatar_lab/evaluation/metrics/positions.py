@@ -27,7 +27,6 @@ from torch import Tensor
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.kinematics import forward_kinematics
-from echoavatar_lab.models.tokenizer.losses import wrist_of
 
 PAPER_UNIT_M = 1e-4
 
@@ -77,7 +76,7 @@ def reconstruction(
     body = [*parts["lower"], *parts["upper"]]
     truth, guess = (centred(skeleton, turns) for turns in (rotations, rebuilt))
     hands = list(parts["hands"])
-    anchors = [wrist_of(skeleton, joint) for joint in hands]
+    anchors = [_wrist(skeleton, joint, set(hands)) for joint in hands]
     finger_truth, finger_guess = truth[:, hands] - truth[:, anchors], guess[:, hands] - guess[:, anchors]
     return Reconstruction(
         mean_distance(guess[:, body], truth[:, body]) * 1000,
@@ -90,6 +89,12 @@ def centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Te
     """Joint positions, metres, with the root at the origin and the hips facing +Z."""
     facing = without_heading(rotations)
     return forward_kinematics(skeleton, facing, torch.zeros(len(rotations), 3)).positions
+
+
+def _wrist(skeleton: Skeleton, joint: int, hands: set[int]) -> int:
+    while joint in hands:
+        joint = skeleton.parents[joint]
+    return joint
 
 
 def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
