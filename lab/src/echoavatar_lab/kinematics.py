@@ -13,8 +13,6 @@ from torch import Tensor
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 
-_AXES = {"x": 0, "y": 1, "z": 2}
-
 
 class Pose(NamedTuple):
     """World rotation matrices and positions of every joint."""
@@ -112,33 +110,6 @@ def quaternion_from_axis_angle(axis_angle: Float[Tensor, "*n 3"]) -> Float[Tenso
     """Unit quaternion of a rotation vector; smooth through zero."""
     half = axis_angle.square().sum(-1, keepdim=True).clamp_min(1e-24).sqrt() / 2
     return torch.cat([half.cos(), axis_angle * (half.sin() / (2 * half))], -1)
-
-
-def axis_angle_from_quaternion(quaternion: Float[Tensor, "*n 4"]) -> Float[Tensor, "*n 3"]:
-    """Rotation vector, at most pi long."""
-    q = _standardize(F.normalize(quaternion, dim=-1))
-    sine = q[..., 1:].square().sum(-1, keepdim=True).clamp_min(1e-24).sqrt()
-    return q[..., 1:] * (2 * torch.atan2(sine, q[..., :1]) / sine)
-
-
-def euler_from_matrix(matrix: Float[Tensor, "*n 3 3"], order: str) -> Float[Tensor, "*n 3"]:
-    """Intrinsic Euler angles in the order of the letters: Rz(a0) Ry(a1) Rx(a2) for "zyx"; at gimbal lock a2 is 0.
-
-    Raises ValueError if the order does not name x, y and z once each.
-    """
-    if sorted(order) != ["x", "y", "z"]:
-        raise ValueError(f"Euler order must name x, y and z once each, got {order!r}")
-    i, j, k = (_AXES[axis] for axis in order)
-    sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
-    middle = torch.atan2(sign * matrix[..., i, k], torch.hypot(matrix[..., i, i], matrix[..., i, j]))
-    is_locked = torch.hypot(matrix[..., i, i], matrix[..., i, j]) < 1e-6
-    first = torch.where(
-        is_locked,
-        torch.atan2(sign * matrix[..., k, j], matrix[..., j, j]),
-        torch.atan2(-sign * matrix[..., j, k], matrix[..., k, k]),
-    )
-    third = torch.where(is_locked, 0.0, torch.atan2(-sign * matrix[..., i, j], matrix[..., i, i]))
-    return torch.stack([first, middle, third], -1)
 
 
 def _standardize(quaternion: Float[Tensor, "*n 4"]) -> Float[Tensor, "*n 4"]:

@@ -15,15 +15,7 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from echoavatar_lab.data import DOMAINS
-from echoavatar_lab.evaluation.metrics.retrieval import (
-    PAPER_GALLERY,
-    Retrieval,
-    batched,
-    chance,
-    gallery,
-    retrieval,
-    similarity,
-)
+from echoavatar_lab.evaluation.metrics.retrieval import Retrieval, batched, chance, gallery, retrieval, similarity
 from echoavatar_lab.foreign.foreign_files import read_tensors
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.progress import Progress, watched
@@ -246,7 +238,7 @@ def retrieval_table(
         ("audio to motion", similarity(sounds, motions)),
         ("motion to audio", similarity(motions, sounds)),
     ):
-        found = {"all": retrieval(matrix), "gallery": gallery(matrix, PAPER_GALLERY)}
+        found = {"all": retrieval(matrix), "gallery": gallery(matrix)}
         if len(matrix) >= 32:
             found["batches"] = batched(matrix)
         for protocol, scores in found.items():

@@ -69,14 +69,14 @@ def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:
 
 
 def degraded(
-    features: Float[Tensor, "b t c"], kind: Degradation, strength: float, skeleton: Skeleton, *, seed: int = 0
+    features: Float[Tensor, "b t c"], kind: Degradation, strength: float, skeleton: Skeleton
 ) -> Float[Tensor, "b t c"]:
     """Degraded features; `strength` runs from 0 to 1.
 
     jitter: noise on every rotation, 0.1 (about 6 degrees) at full strength. time_warp: time runs fast and slow.
     foot_slide: the root drifts, up to 1 m/s. frozen_limbs: that share of the joints stops moving.
     """
-    random = torch.Generator().manual_seed(seed)
+    random = torch.Generator().manual_seed(0)
     made, travel = features.clone(), travel_slice(skeleton)
     rows, frames, channels = features.shape
     match kind:

@@ -32,6 +32,7 @@ from echoavatar.models.generator.sampling import nucleus
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.models.generator.sequences import build_sequences, segment_logits
+from echoavatar_lab.progress import Progress
 
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 
@@ -187,7 +188,13 @@ class GeneratorPolicy:
 
 
 def continuations(
-    policy: GeneratorPolicy, book: PromptSampler, *, prompts: int, group: int, seed: int
+    policy: GeneratorPolicy,
+    book: PromptSampler,
+    *,
+    prompts: int,
+    group: int,
+    seed: int,
+    progress: Progress | None = None,
 ) -> Iterator[tuple[list[Prompt], Int[Tensor, "r n p q"]]]:
     """Some prompts at a time of the first `prompts`, and `group` continuations of each, from one seed."""
     for first in range(0, prompts, TOGETHER):
@@ -195,6 +202,8 @@ def continuations(
         random = torch.Generator().manual_seed(seed * 1_000_003 + first)
         seeds = torch.randint(2**62, (len(drawn) * group,), generator=random)
         yield drawn, policy.rollout(batch_of(drawn), group, seeds)
+        if progress is not None:
+            progress(first + len(drawn), prompts)
 
 
 def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:

@@ -19,8 +19,9 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.whole_file import make_output_folder
-from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
-from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
+from echoavatar_lab.evaluation.measures import latent_moments
+from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.kinematics import from_features, quaternion_from_matrix
 from echoavatar_lab.models.audio.decoding import decode
@@ -74,10 +75,7 @@ def feature_moments(extractor: MotionEncoder, skeleton: Skeleton, features: Floa
     """Moments of the extractor's latents of each decoded clip."""
     moved = from_features(skeleton, features)
     rotations = quaternion_from_matrix(moved.rotations)
-    return [
-        moments(extractor.features(motion_features(own, root)).numpy())
-        for own, root in zip(rotations, moved.root, strict=True)
-    ]
+    return [latent_moments(extractor, own, root) for own, root in zip(rotations, moved.root, strict=True)]
 
 
 def mean_and_error(values: Float[np.ndarray, " n"]) -> tuple[float, float]:

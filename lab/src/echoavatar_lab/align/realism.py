@@ -107,15 +107,12 @@ def fit_realism(
     EchoAvatarError if no kind of sound has 20 windows of each side.
     """
     seconds = length * CHUNK_SECONDS
-    frames, done = round(seconds * FRAME_RATE_HZ), 0
+    frames = round(seconds * FRAME_RATE_HZ)
     made: list[Window] = []
-    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed, progress=progress):
         for row, motion in enumerate(decode_continuations(tokenizer, drawn, codes)):
             statistics = _statistics(_points(motion, frames), FRAME_RATE_HZ, seconds)
             made.append((kind_of_sound(motion.domain[-frames:]), drawn[row // group].clip, statistics))
-        done += len(drawn)
-        if progress is not None:
-            progress(done, prompts)
     true = list(_captured_windows(captured, seconds))
     kinds, found, counts = {}, {}, {}
     for kind in DOMAINS:

@@ -260,10 +260,7 @@ def make_pairs(
         ready.train, past=past, length=training.length, seed=seed, fewest_events=training.fewest_events
     )
     policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
-    pairs, done = list[PreferencePair](), 0
-    for drawn, codes in continuations(policy, book, prompts=prompts, group=training.group, seed=seed):
+    pairs, how = list[PreferencePair](), {"group": training.group, "seed": seed}
+    for drawn, codes in continuations(policy, book, prompts=prompts, **how, progress=progress):
         pairs += rank_pairs(drawn, codes, judge, past=past, margin=margin)
-        done += len(drawn)
-        if progress is not None:
-            progress(done, prompts)
     return write_pairs(path, pairs)

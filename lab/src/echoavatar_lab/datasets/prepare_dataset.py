@@ -9,7 +9,7 @@ import logging
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -25,13 +25,13 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.progress import Progress
 
 from .prepare_recording import Receipt, finished_part, prepare_recording, sound_file, stamp
 from .set_writer import SetWriter, write_json
 from .source import Recording, SetOptions, Survey, with_splits
 
 _log = logging.getLogger(__name__)
-Progress = Callable[[int, int], None]
 
 
 class Failure(NamedTuple):
@@ -45,7 +45,6 @@ class Outcome(NamedTuple):
     """Result of a run."""
 
     corpus: Corpus
-    survey: Survey
     receipts: dict[str, Receipt]  # of the whole set
     made: tuple[str, ...]  # in this run
     kept: tuple[str, ...]  # that earlier runs had made
@@ -91,7 +90,7 @@ def prepare(
             raise EchoAvatarError(f"none of {len(recordings)} recordings could be prepared; {first}")
         corpus = writer.finish(split_source(survey, options))
         return Outcome(
-            corpus, survey, writer.receipts, tuple(made), tuple(kept), tuple(failures), time.perf_counter() - started
+            corpus, writer.receipts, tuple(made), tuple(kept), tuple(failures), time.perf_counter() - started
         )
 
 

@@ -73,8 +73,15 @@ def measure_clip(motion: Motion, extractor: Extractor | None = None) -> ClipMeas
             "jerk": jerk_m_s3(positions),
             "foot_contact_score": foot_contact_score(positions, HUMANOID.config.feet),
         },
-        moments(extractor.features(motion_features(rotations, root)).numpy()) if extractor else None,
+        latent_moments(extractor, rotations, root) if extractor else None,
     )
+
+
+def latent_moments(
+    extractor: Extractor, rotations: Float[torch.Tensor, "t j 4"], root: Float[torch.Tensor, "t 3"]
+) -> Moments:
+    """Moments of the extractor's latents of one clip."""
+    return moments(extractor.features(motion_features(rotations, root)).numpy())
 
 
 def clip_statistics(motion: Motion) -> list[float]:

@@ -82,9 +82,8 @@ def told_apart(ours: Sequence[Take], people: Sequence[Take], control: Sequence[T
     found, each, controls = {OURS: _told(own, [one.clip for one in made], others, true)}, {}, []
     for person in dict.fromkeys(one.person for one in known):
         is_it = np.array([one.person == person for one in known])
-        controls.append(
-            _told(held[is_it], _stretches([one.clip for one in known if one.person == person]), others, true)
-        )
+        clips = [one.clip for one in known if one.person == person]
+        controls.append(_told(held[is_it], clips, others, true))
     if controls:
         found[CONTROL] = _mean(controls)
     for person in dict.fromkeys(one.person for one in true):
@@ -103,13 +102,6 @@ def _mean(several: Sequence[Told]) -> Told:
     return Told(float(np.mean([one.accuracy for one in several])), Interval(*ends.tolist()))
 
 
-def _stretches(clips: Sequence[str]) -> list[str]:
-    """The clips of a person's windows; a single one counts as four, quarter by quarter."""
-    if len(set(clips)) > 1:
-        return list(clips)
-    return [f"{clip}, quarter {4 * at // len(clips)}" for at, clip in enumerate(clips)]
-
-
 def _told(
     own: Float[np.ndarray, "n d"], clips: Sequence[str], others: Float[np.ndarray, "m d"], people: Sequence[Seen]
 ) -> Told:
@@ -124,8 +116,8 @@ def _told(
     return Told(accuracy, _interval(list(zip(right, (clips, their_clips), strict=True))))
 
 
-def _interval(sides: Sequence[tuple[np.ndarray, Sequence[str]]], seed: int = 0) -> Interval:
-    random, means = np.random.default_rng(seed), []
+def _interval(sides: Sequence[tuple[np.ndarray, Sequence[str]]]) -> Interval:
+    random, means = np.random.default_rng(0), []
     for right, clips in sides:
         own = [right[np.array(clips) == clip] for clip in dict.fromkeys(clips)]
         if len(own) < 2:

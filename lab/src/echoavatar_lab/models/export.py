@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -102,14 +102,11 @@ def export_step(
         x: an example of its input, of several rows.
 
     Raises:
-        DependencyError: onnx or onnxscript is missing.
         EchoAvatarError: the graph does not compute what the step computes.
     """
-    try:
-        import onnx
-        from onnxscript import optimizer
-    except ModuleNotFoundError as error:
-        raise DependencyError("graphs need onnx and onnxscript: pip install onnx onnxscript") from error
+    import onnx
+    from onnxscript import optimizer
+
     state, rows = init_state(len(x)), {0: torch.export.Dim("rows", min=1, max=4096)}
     past = list(state.arrays())
     with torch.no_grad(), warnings.catch_warnings():

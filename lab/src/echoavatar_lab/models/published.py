@@ -16,7 +16,7 @@ from torch.nn.modules.module import (
 )
 from torch.nn.utils import parametrize
 
-from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file, read_bytes
 from echoavatar.models.audio import AudioCodec, CodecConfig
@@ -26,7 +26,7 @@ from echoavatar.models.generator.model import Generator
 from echoavatar.stored import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.foreign_files import check_torch_file
-from echoavatar_lab.models.face.encoder import HubertEncoder
+from echoavatar_lab.models.face.encoder import HubertEncoder, find_transformers
 
 _MODULES, _PARAMETERS, _NUMBERS = 3_000, 5_000, 1 << 33  # Qwen2.5 and HuBERT have some hundred modules
 
@@ -98,7 +98,7 @@ def _read(kind: str, name: str, path_or_name: str | Path, instead: str, **how: A
 
     Raises CheckpointError if there is none, it would run something, or asks for more than such a network has.
     """
-    network = getattr(_transformers(), kind)
+    network = getattr(find_transformers(), kind)
     try:
         for path in sorted(Path(path_or_name).glob("*")):
             if path.name in ("config.json", "generation_config.json") or path.name.endswith(".index.json"):
@@ -148,16 +148,6 @@ def _bounded() -> Iterator[None]:
     finally:
         for hook in hooks:
             hook.remove()
-
-
-def _transformers() -> Any:
-    try:
-        import transformers
-    except ModuleNotFoundError as error:
-        raise DependencyError(
-            "reading published weights needs transformers: pip install 'echoavatar-lab[pretrained]'"
-        ) from error
-    return transformers
 
 
 def _codec_config(theirs: Any, *, origin: str) -> CodecConfig:

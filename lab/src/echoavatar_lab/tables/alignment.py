@@ -353,7 +353,7 @@ def make_retrieval(experiment: Experiment) -> Table:
     lines = [Line(f"{one.name} (quoted)", _quoted(one)) for one in QUOTED]
     lines += _retrieval_lines(f"all ({len(toward)})", retrieval(toward, KS), retrieval(back, KS))
     if len(toward) > PAPER_GALLERY:
-        both = (gallery(matrix, PAPER_GALLERY, seed=experiment.seed) for matrix in (toward, back))
+        both = (gallery(matrix, seed=experiment.seed) for matrix in (toward, back))
         lines += _retrieval_lines(f"{PAPER_GALLERY}", *both)
     heard = "the published BEATs" if experiment.sources.beats else "a small BEATs that learned along"
     notes = (

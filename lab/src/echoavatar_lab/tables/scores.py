@@ -8,21 +8,19 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import torch
 
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
-from echoavatar_lab.evaluation.measures import Extractor
-from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
-from echoavatar_lab.evaluation.metrics.motion_encoder import motion_features
-from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_distance, without_heading
+from echoavatar_lab.evaluation.measures import Extractor, latent_moments
+from echoavatar_lab.evaluation.metrics.distributions import Moments
+from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, centred, mean_distance
 from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
-from echoavatar_lab.kinematics import forward_kinematics, from_features, quaternion_from_matrix
+from echoavatar_lab.kinematics import from_features, quaternion_from_matrix
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.tokenizer.train import whole_features
 
@@ -65,20 +63,15 @@ def reconstruction_scores(
     errors, steps, weights = [], [], []
     for clip in clips:
         truth = whole_features(tokenizer.skeleton, clip)
-        whole = len(truth)
         again = tokenizer.decode(tokenizer.encode(truth[None]))[0]
         sides = [from_features(tokenizer.skeleton, features) for features in (again, truth)]
-        places = [
-            forward_kinematics(HUMANOID, without_heading(side.rotations), torch.zeros(whole, 3)).positions
-            for side in sides
-        ]
-        errors.append(mean_distance(*places) / PAPER_UNIT_M)
+        errors.append(mean_distance(*(centred(HUMANOID, side.rotations) for side in sides)) / PAPER_UNIT_M)
         start = travel_slice(tokenizer.skeleton).start
         moved, wanted = (features[:, start : start + 2] for features in (again, truth))
         steps.append(mean_distance(moved, wanted) / PAPER_UNIT_M)
-        weights.append(float(whole))
+        weights.append(float(len(truth)))
         for side, found in zip(sides, (made, true), strict=True):
-            found.append(_moments(extractor, side.rotations, side.root))
+            found.append(latent_moments(extractor, quaternion_from_matrix(side.rotations), side.root))
     share = np.array(weights)
     rows = [
         fid_row(made, true, seed=seed),
@@ -135,7 +128,3 @@ def _pair(motion: Motion, clip: Clip) -> Pair:
     frames = min(motion.frames, clip.frames)
     audio, domain = clip.audio[: frames * SAMPLES_PER_FRAME], clip.domain[:frames]
     return Pair(clip.name, motion.cut(0, frames), clip.motion().cut(0, frames), audio, domain)
-
-
-def _moments(extractor: Extractor, rotations: torch.Tensor, root: torch.Tensor) -> Moments:
-    return moments(extractor.features(motion_features(quaternion_from_matrix(rotations), root)).numpy())

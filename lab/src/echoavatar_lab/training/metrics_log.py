@@ -28,6 +28,7 @@ class MetricsLog:
 
         Raises DependencyError if a tracker's package is missing.
         """
+        want_trackers(trackers)
         path = folder / FILE
         if path.exists():
             kept = [one for one in read_metrics(path) if one["step"] <= step]
@@ -82,10 +83,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 class _TensorBoard:
     def __init__(self, folder: Path) -> None:
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError as error:
-            raise DependencyError("--track tensorboard needs TensorBoard; run: pip install tensorboard") from error
+        from torch.utils.tensorboard import SummaryWriter
+
         self._writer: Any = SummaryWriter(folder / "tensorboard")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
@@ -99,10 +98,8 @@ class _TensorBoard:
 
 class _Wandb:
     def __init__(self, folder: Path) -> None:
-        try:
-            import wandb
-        except ImportError as error:
-            raise DependencyError("--track wandb needs W&B; run: pip install wandb") from error
+        import wandb
+
         mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text(encoding="utf-8").strip() if mark.exists() else None
         self._run: Any = wandb.init(project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder)

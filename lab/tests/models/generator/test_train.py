@@ -40,7 +40,7 @@ def test_distances_between_embeddings_are_those_between_code_vectors():
 def test_aligned_rows_have_the_scale_of_the_others_and_no_other_row_changes():
     model = generator()
     before = model.model.embed_tokens.weight.detach().clone()
-    align_embeddings(model, audio_codebooks=torch.randn(2, 16, 40), scale=0.02)
+    align_embeddings(model, audio_codebooks=torch.randn(2, 16, 40))
     after = model.model.embed_tokens.weight.detach()
     audio_rows = after[LAYOUT.audio_base : LAYOUT.motion_base]
     assert 0.015 < float(audio_rows.std()) < 0.025

@@ -4,7 +4,6 @@ A file of no known set counts if one of the folders on its way is named after a 
 its name tells that somebody talks or dances.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import PurePath
@@ -74,10 +73,10 @@ ENTRIES = (
 )
 
 
-def entry_of(path: PurePath, entries: Sequence[Entry] = ENTRIES) -> Entry | None:
+def entry_of(path: PurePath) -> Entry | None:
     """The entry of a file, by the end of its path; None for a file that is not to be read."""
     name = f"{path.parent.name}/{path.stem}"
-    found = next((entry for entry in entries if fnmatch(name, entry.pattern)), None)
+    found = next((entry for entry in ENTRIES if fnmatch(name, entry.pattern)), None)
     if found is None:
         kind = next((kind for kind in KINDS if kind in path.parts[:-1]), None)
         kind = kind or next((kind for word, kind in WORDS.items() if word in path.stem), None)

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, euler_from_matrix, quaternion_from_matrix
 from echoavatar_lab.corpora import solver
 from echoavatar_lab.corpora.controls import RELAXED_FINGERS, Array, Controls
 from echoavatar_lab.corpora.solver import matrix_from_euler
-from echoavatar_lab.kinematics import axis_angle_from_quaternion, euler_from_matrix, quaternion_from_matrix
 
 ROUNDS = 4
 CERTAIN_BEND = 0.012  # metres: with less bend the elbow's direction is read from the twist of the upper arm
@@ -47,12 +47,12 @@ def controls_from_motion(motion: Motion) -> Controls:
 
 def _shared(goal: Rotations, shares: tuple[float, ...]) -> Float[Tensor, "t 3"]:
     """Yaw, pitch and roll whose shares, turned one after another, give the goal."""
-    angles = euler_from_matrix(goal, "yxz")
+    angles = _euler(goal, "yxz")
     for _ in range(ROUNDS):
         made = torch.eye(3, dtype=goal.dtype)
         for share in shares:
             made = made @ matrix_from_euler(angles * share, "yxz")
-        angles = angles + euler_from_matrix(made.mT @ goal, "yxz")
+        angles = angles + _euler(made.mT @ goal, "yxz")
     return angles
 
 
@@ -102,7 +102,7 @@ def _palm(line: Tensor, swing: Array, distance: Tensor, lengths: list[float], ha
     _, lower = solver.two_bones(line, bend, distance, *lengths)
     hinge = torch.linalg.cross(line, bend)
     forearm = torch.stack([lower, hinge, torch.linalg.cross(lower, hinge)], -1)
-    angles = _continuous(_array(euler_from_matrix(forearm.mT @ hand, "xyz")))
+    angles = _continuous(_array(_euler(forearm.mT @ hand, "xyz")))
     limits = zip(solver.PALM_LIMITS, (-angles[:, 2], -angles[:, 1], angles[:, 0]), strict=True)
     return np.stack([_before_soft_clamp(angle, *ends) for ends, angle in limits], -1)
 
@@ -129,7 +129,7 @@ def _leg(world: Tensor, places: Tensor, side: int) -> dict[str, Array]:
 
 def _upright(rotations: Rotations) -> Float[Tensor, "t 3"]:
     """Yaw, pitch and roll with the roll within a quarter turn, so that a pitch may pass the vertical."""
-    angles = euler_from_matrix(rotations, "yxz")
+    angles = _euler(rotations, "yxz")
     other = torch.stack([angles[:, 0] + torch.pi, torch.pi - angles[:, 1], angles[:, 2] + torch.pi], -1)
     return torch.where(angles[:, 2:].abs() > torch.pi / 2, other, angles)
 
@@ -143,7 +143,7 @@ def _fingers(local: Tensor, side: int) -> Array:
 
     def turn(bone: str) -> Array:
         matrix = solver.for_side(local[:, HUMANOID.index(name + bone)], side)
-        return np.asarray(axis_angle_from_quaternion(quaternion_from_matrix(matrix)).numpy())
+        return axis_angle_from_quaternion(quaternion_from_matrix(matrix.numpy()))
 
     most, spreads = np.array(solver.CURL_RANGE), []
     for i, finger in enumerate(solver.FINGERS):
@@ -181,6 +181,10 @@ def _continuous(angles: Array) -> Array:
     """Angles without jumps of full turns, whose median lies within half a turn of 0."""
     whole = np.unwrap(angles.astype(np.float64), axis=0)
     return np.asarray(whole - 2 * np.pi * np.round(np.median(whole, axis=0) / (2 * np.pi)), np.float32)
+
+
+def _euler(rotations: Rotations, order: str) -> Float[Tensor, "t 3"]:
+    return torch.from_numpy(euler_from_matrix(rotations.numpy(), order))
 
 
 def _array(tensor: Tensor) -> Array:

@@ -34,7 +34,10 @@ _DRUMS = {
 
 
 def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path) -> FloatArray:
-    """Play a piece with fluidsynth: audio (s,), 24 kHz, peak near 0.9. Raises DependencyError if a tool is missing."""
+    """Play a piece with fluidsynth: audio (s,), 24 kHz, peak near 0.9.
+
+    Raises DependencyError if the program or the font is missing.
+    """
     program = shutil.which("fluidsynth")
     if program is None:
         raise DependencyError('the fluidsynth program is missing; run "apt install fluidsynth"')
@@ -53,10 +56,8 @@ def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path) -> Floa
 
 
 def _write_midi(piece: Piece, rng: np.random.Generator, path: Path) -> None:
-    try:
-        import pretty_midi
-    except ImportError as error:
-        raise DependencyError('pretty_midi is missing; run "pip install echoavatar-lab"') from error
+    import pretty_midi
+
     midi = pretty_midi.PrettyMIDI(resolution=960, initial_tempo=120)
     for name in sorted({note.instrument for note in piece.notes}):
         is_drum = name in _DRUMS

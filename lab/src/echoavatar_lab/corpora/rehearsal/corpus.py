@@ -7,7 +7,7 @@ piece in it; "manner" is JSON of the speaker's `Manner`. The manifest says that 
 
 import json
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, astuple, dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from echoavatar_lab.corpora.capture.library import open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.progress import Progress
 
 from ..solver import solve
 from ..sound import SoundTrack
@@ -51,7 +52,7 @@ class Plan:
         return max(2, round(self.hours * 3600 / self.clip_seconds))
 
 
-def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], None] | None = None) -> int:
+def rehearse(plan: Plan, *, workers: int = 1, progress: Progress | None = None) -> int:
     """Make or complete the corpus and return its number of clips.
 
     Raises EchoAvatarError if the folder cannot be written, or hours is not positive.
@@ -61,9 +62,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     with hold_folder(plan.folder):
         make_output_folder(plan.folder / "clips")
         wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
-        done = plan.clips - len(wanted)
-        for _ in _made(plan, wanted, workers):
-            done += 1
+        for done, _ in enumerate(_made(plan, wanted, workers), plan.clips - len(wanted) + 1):
             if progress:
                 progress(done, plan.clips)
         write_manifest(

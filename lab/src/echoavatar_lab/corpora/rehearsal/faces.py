@@ -4,7 +4,6 @@ The paper captures one speaker with a phone; nothing captured may ship with us, 
 synthetic speech of several voices. A clip depends on the seed and its number alone.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.face.clip import FaceClip
+from echoavatar_lab.progress import Progress, watched
 
 from ..speech.lips import lip_curves
 from .track import compose_track
@@ -38,7 +38,7 @@ def _name(seed: int, index: int) -> str:
     return f"face-{seed}-{index:04d}"
 
 
-def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[[int, int], None] | None = None) -> int:
+def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Progress | None = None) -> int:
     """Make or complete a folder of clips and return their number.
 
     Raises EchoAvatarError: hours is not positive, or the folder cannot be written.
@@ -47,10 +47,8 @@ def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[
         raise EchoAvatarError(f"--hours must be positive, got {hours}")
     count = max(TEST_EVERY, round(hours * 3600 / CLIP_SECONDS))
     with hold_folder(folder):
-        for index in range(count):
+        for index in watched(range(count), progress):
             path = folder / f"{_name(seed, index)}.npz"
             if not path.exists():
                 rehearse_clip(seed, index).save(path)
-            if progress is not None:
-                progress(index + 1, count)
         return count

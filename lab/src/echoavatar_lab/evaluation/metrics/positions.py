@@ -74,10 +74,9 @@ def reconstruction(
     """Compare decoded motion with the truth."""
     parts = skeleton.config.parts
     body = [*parts["lower"], *parts["upper"]]
-    truth = _centred(skeleton, rotations)
-    guess = _centred(skeleton, rebuilt)
+    truth, guess = (centred(skeleton, turns) for turns in (rotations, rebuilt))
     hands = list(parts["hands"])
-    anchors = [_wrist(skeleton, j, set(hands)) for j in hands]
+    anchors = [_wrist(skeleton, joint, set(hands)) for joint in hands]
     finger_truth, finger_guess = truth[:, hands] - truth[:, anchors], guess[:, hands] - guess[:, anchors]
     return Reconstruction(
         mean_distance(guess[:, body], truth[:, body]) * 1000,
@@ -86,7 +85,8 @@ def reconstruction(
     )
 
 
-def _centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:
+def centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:
+    """Joint positions, metres, with the root at the origin and the hips facing +Z."""
     facing = without_heading(rotations)
     return forward_kinematics(skeleton, facing, torch.zeros(len(rotations), 3)).positions
 

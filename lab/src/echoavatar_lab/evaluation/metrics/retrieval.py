@@ -55,9 +55,9 @@ def retrieval(similarities: Float[np.ndarray, "n n"], ks: tuple[int, ...] = KS) 
     return Retrieval(recall, float(np.median(rank) + 1), float((1 / (rank + 1)).mean() * 100), len(rank))
 
 
-def gallery(similarities: Float[np.ndarray, "n n"], size: int = PAPER_GALLERY, *, seed: int = 0) -> Retrieval:
-    """Scores in one random gallery of `size` pairs (all, if there are fewer)."""
-    chosen = np.random.default_rng(seed).permutation(len(similarities))[:size]
+def gallery(similarities: Float[np.ndarray, "n n"], *, seed: int = 0) -> Retrieval:
+    """Scores in one random gallery of 300 pairs (all, if there are fewer)."""
+    chosen = np.random.default_rng(seed).permutation(len(similarities))[:PAPER_GALLERY]
     return retrieval(similarities[np.ix_(chosen, chosen)])
 
 

@@ -22,14 +22,10 @@ _START, _END, _SCORE = 1, 2, 4
 
 
 def srgr(
-    made: Float[np.ndarray, "t j 3"],
-    true: Float[np.ndarray, "t j 3"],
-    labels: Float[np.ndarray, " t"] | None = None,
-    *,
-    delta: float = DELTA_M,
+    made: Float[np.ndarray, "t j 3"], true: Float[np.ndarray, "t j 3"], labels: Float[np.ndarray, " t"] | None = None
 ) -> float:
     """The recall of one clip; weigh clips by their length."""
-    hits = (np.linalg.norm(np.asarray(made, float) - true, axis=-1) < delta).mean(1)
+    hits = (np.linalg.norm(np.asarray(made, float) - true, axis=-1) < DELTA_M).mean(1)
     return float(hits.mean() if labels is None else (hits * labels).mean() / BEAT_MEAN)
 
 

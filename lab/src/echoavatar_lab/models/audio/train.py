@@ -120,7 +120,7 @@ def _noise(rng: np.random.Generator, samples: int, heard: FloatArray) -> FloatAr
 
 _SCALES = ((2048, 512, 80), (1024, 256, 80), (512, 128, 48), (256, 64, 24))  # FFT, hop, bands
 _PROBE_STEPS = 4  # mel frames per latent frame: 300 Hz, fine enough for onsets
-_PROBE_BANDS = 64
+_PROBE_BANDS, _PROBE_WIDTH = 64, 192
 
 
 class SpectrumProbe(nn.Module):
@@ -130,12 +130,12 @@ class SpectrumProbe(nn.Module):
     the decoder. EnCodec has an adversary in its place.
     """
 
-    def __init__(self, *, width: int, hidden: int = 192) -> None:
+    def __init__(self, *, width: int) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv1d(width, hidden, 5, padding=2),
+            nn.Conv1d(width, _PROBE_WIDTH, 5, padding=2),
             nn.ELU(),
-            nn.Conv1d(hidden, _PROBE_STEPS * _PROBE_BANDS, 3, padding=1),
+            nn.Conv1d(_PROBE_WIDTH, _PROBE_STEPS * _PROBE_BANDS, 3, padding=1),
         )
         nn.init.constant_(self.layers[-1].bias, -8.0)  # type: ignore[arg-type]  # the logarithm of soft sound
 

@@ -185,7 +185,7 @@ class HubertEncoder(AudioEncoder[SoundState]):
     def __init__(self, config: HubertConfig) -> None:
         super().__init__()
         self.config = config
-        self.hubert = _transformers().HubertModel(_their_config(config))
+        self.hubert = find_transformers().HubertModel(_their_config(config))
 
     def train(self, mode: bool = True) -> Self:
         """A frozen network stays in evaluation mode."""
@@ -247,16 +247,19 @@ def pad_window(audio: Float[Tensor, "b s"]) -> Float[Tensor, "b p"]:
     return F.pad(audio, (1, 1), mode="replicate") if missing % 2 else audio
 
 
-def _transformers() -> Any:
+def find_transformers() -> Any:
+    """The package of published networks. Raises DependencyError if it is not installed."""
     try:
         import transformers
     except ModuleNotFoundError as error:
-        raise DependencyError("HuBERT needs transformers: pip install 'echoavatar-lab[pretrained]'") from error
+        raise DependencyError(
+            "published networks need transformers: pip install 'echoavatar-lab[pretrained]'"
+        ) from error
     return transformers
 
 
 def _their_config(config: HubertConfig) -> Any:
-    return _transformers().HubertConfig(
+    return find_transformers().HubertConfig(
         hidden_size=config.width,
         num_hidden_layers=config.layers,
         num_attention_heads=config.heads,

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from echoavatar.models.audio.codec_config import CODE_LAYERS
 from echoavatar.models.generator.exemplar import UPPER, member_rows
 from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import PARTS, Depth, Prefix, SequenceOrder, TokenLayout, present
@@ -18,21 +19,15 @@ from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, e
 
 
 def compact_layout(
-    *,
-    audio_codes: int,
-    motion_layers: int,
-    motion_codes: int,
-    audio_layers: int = 2,
-    parts: int = PARTS,
-    has_example: bool = False,
+    *, audio_codes: int, motion_layers: int, motion_codes: int, parts: int = PARTS, has_example: bool = False
 ) -> TokenLayout:
     """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows.
 
     With `has_example` a prefix prompt may show control tokens behind the fourth special; no row is added for it.
     """
-    motion_base = 4 + audio_layers * audio_codes
+    motion_base = 4 + CODE_LAYERS * audio_codes
     return TokenLayout(
-        audio_layers=audio_layers,
+        audio_layers=CODE_LAYERS,
         audio_codes=audio_codes,
         motion_layers=motion_layers,
         motion_codes=motion_codes,

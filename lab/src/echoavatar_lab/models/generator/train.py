@@ -117,14 +117,12 @@ def align_embeddings(
     *,
     audio_codebooks: Float[Tensor, "l A a"] | None = None,
     motion_codebooks: Float[Tensor, "p q K c"] | None = None,
-    scale: float = 0.02,
-    seed: int = 0,
 ) -> None:
-    """Set the embeddings of codes to their code vectors, projected orthogonally and scaled to `scale` per channel.
+    """Set the embeddings of codes to their code vectors, projected orthogonally and scaled to 0.02 per channel.
 
     Each codebook is centred and brought to unit mean square first; a random vector per codebook tells the layers apart.
     """
-    layout, random = generator.config.layout, torch.Generator().manual_seed(seed)
+    layout, random = generator.config.layout, torch.Generator().manual_seed(0)
     groups: list[tuple[int, Tensor]] = []
     if audio_codebooks is not None:
         groups.append((layout.audio_base, audio_codebooks))
@@ -133,7 +131,7 @@ def align_embeddings(
     with torch.no_grad():
         for base, books in groups:
             for table in (body.embed_tokens for body in _bodies(generator)):
-                rows = _project(books.detach().float().cpu(), table.embedding_dim, random) * scale
+                rows = _project(books.detach().float().cpu(), table.embedding_dim, random) * 0.02
                 table.weight[base : base + rows.shape[0]] = rows.to(table.weight.device)
 
 
