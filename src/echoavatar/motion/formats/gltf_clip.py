@@ -20,7 +20,7 @@ from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from ..kinematics.skeleton import numbered
-from .gltf_data import read_accessor, refusing_damage
+from .gltf_data import refusing_damage
 from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
 
@@ -92,7 +92,7 @@ def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
 
 def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
     """Times, values (with tangents before and after for a cubic spline) and kind of interpolation."""
-    times, values = (read_accessor(rig.document, rig.binary, sampler[key]) for key in ("input", "output"))
+    times, values = (rig.accessor(sampler[key]) for key in ("input", "output"))
     kind = sampler.get("interpolation", "LINEAR")
     values = values.reshape(len(times), 3 if kind == "CUBICSPLINE" else 1, width)
     if not len(times) or not (
