@@ -45,12 +45,11 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
             raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
         needed = {*rig.order, *above(rig.parents, rig.order[0])}
-        chosen = next((k for k, entry in enumerate(entries) if _targets(entry, needed)), 0)
-        if animation is not None:
-            chosen = known.index(animation)
-        elif len(known) > 1:
-            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), known[chosen])
-        return _sampled(rig, entries[chosen], needed)
+        moving = (name for name, entry in zip(known, entries, strict=True) if _targets(entry, needed))
+        chosen = next(moving, known[0]) if animation is None else animation
+        if animation is None and len(known) > 1:
+            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), chosen)
+        return _sampled(rig, entries[known.index(chosen)], needed)
 
 
 def _targets(entry: dict[str, Any], nodes: set[int]) -> dict[tuple[int, str], int]:
