@@ -23,9 +23,9 @@ def animated(path: Path, change: Callable[[Buffer], dict], *, name: str = "one")
     """A plain rig whose left upper arm has one track."""
     data = glb(Odd(BODY))
     path.write_bytes(data)
-    document, binary = read_chunks(path)
-    buffer = Buffer()
-    buffer.data, buffer.views, buffer.accessors = bytearray(binary.data), document["bufferViews"], document["accessors"]
+    file, buffer = read_chunks(path), Buffer()
+    document = file.document
+    buffer.data, buffer.views, buffer.accessors = bytearray(file.data), document["bufferViews"], document["accessors"]
     sampler = change(buffer)
     document["buffers"] = [{"byteLength": len(buffer.data)}]
     channel = {"sampler": 0, "target": {"node": NAMES.index("leftUpperArm"), "path": "rotation"}}
@@ -104,9 +104,9 @@ def turning(times: list[float]) -> Callable[[Buffer], dict]:  # type: ignore[typ
 
 def changed(path: Path, change: Callable[[list], None]) -> Path:  # type: ignore[type-arg]
     """The file with other animations."""
-    document, binary = read_chunks(animated(path, turning([0, 0.1, 0.2])))
-    change(document["animations"])
-    path.write_bytes(container(document, bytes(binary.data)))
+    file = read_chunks(animated(path, turning([0, 0.1, 0.2])))
+    change(file.document["animations"])
+    path.write_bytes(container(file.document, bytes(file.data)))
     return path
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.gltf_data import TYPES
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
 from echoavatar.motion.kinematics.motion import align_signs
 
 from .character import MATERIALS, Character, Textures, checked_face, outfit_picture
@@ -317,18 +317,20 @@ def packed(document: dict[str, Any], buffer: Buffer, more: Sequence[dict[str, An
 
 def _nodes() -> list[dict[str, Any]]:
     """The joints, the meshes, and the halfway bones, which hang on the parents of their bones."""
-    places = [[round(float(x), 6) for x in offset] for offset in HUMANOID.config.offsets]
-    nodes: list[dict[str, Any]] = [
-        *({"name": name, "translation": place} for name, place in zip(HUMANOID.names, places, strict=True)),
-        {"name": "body", "mesh": 0, "skin": 0},
-        {"name": "face", "mesh": 1, "skin": 0},
-        *({"name": BONES[HUMANOID.joints + i], "translation": places[joint]} for i, joint in enumerate(SOURCES)),
-    ]
-    for joint, parent in enumerate(HUMANOID.parents):
-        if parent >= 0:
-            nodes[parent].setdefault("children", []).append(joint)
-    for node, parent in zip(HALFWAY_NODES, PARENTS, strict=True):
-        nodes[parent]["children"].append(node)
+    nodes = joint_nodes(HUMANOID)
+    nodes += [{"name": "body", "mesh": 0, "skin": 0}, {"name": "face", "mesh": 1, "skin": 0}]
+    for name, source, parent in zip(BONES[HUMANOID.joints :], SOURCES, PARENTS, strict=True):
+        nodes[parent]["children"].append(len(nodes))
+        nodes.append({"name": name, "translation": nodes[source]["translation"]})
+    return nodes
+
+
+def joint_nodes(skeleton: Skeleton) -> list[dict[str, Any]]:
+    """A node for each joint."""
+    places = zip(skeleton.names, skeleton.config.offsets, strict=True)
+    nodes = [{"name": name, "translation": list(place)} for name, place in places]
+    for joint, parent in enumerate(skeleton.parents[1:], start=1):
+        nodes[parent].setdefault("children", []).append(joint)  # type: ignore[attr-defined]
     return nodes
 
 

@@ -1,7 +1,7 @@
 """Write a take into a file; the suffix of its name chooses the format."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,12 +22,10 @@ if TYPE_CHECKING:
     from ..avatar.video import Shot
     from .target_rig import Rig
 
-# Each writer imports what its format needs, so that none pays for the others.
 USD = (".usda", ".usdc", ".usdz")
 FILMS = (".mp4", ".webm")
 FACE_CSV, FACE47_CSV, SMPLX_NPZ = ".face.csv", ".face47.csv", ".smplx.npz"  # endings that are longer than a suffix
 SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
-Writer = Callable[[Path, Take, "Rig | None"], None]
 
 
 def write_take(
@@ -39,26 +37,69 @@ def write_take(
     shot: "Shot | None" = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a take, retargeted to `rig` where one is given.
+    """Write a take, retargeted to `rig` where one is given. What a format needs is imported for it alone.
 
     A film shows `rig` or `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all.
 
     Raises EchoAvatarError: as `check_output`, or the take does not fit the format.
     """
     check_output(path, has_rig=rig is not None)
-    if path.suffix.lower() in FILMS:
-        from ..avatar.video import write_film
+    if rig is not None:
+        take = rig.retarget(take)
+    motion, face = take.motion, take.face
+    match next(ending for ending in (FACE_CSV, FACE47_CSV, SMPLX_NPZ, *SUFFIXES) if path.name.lower().endswith(ending)):
+        case ".bvh":
+            stand = OURS if rig is None else rig.stand
+            write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, stand=stand)
+        case ".npz":
+            write_npz(path, motion, **({} if face is None else {"face": face, "face_names": np.array(ARKIT_NAMES)}))
+        case ".csv":
+            write_csv(path, motion)
+            if face is not None:
+                write_live_link(path.with_suffix(FACE_CSV), face, motion.fps)
+        case ".face.csv":
+            write_live_link(path, _face(path, take), motion.fps)
+        case ".face47.csv":
+            for entry in entry_points(group="echoavatar.exports", name=FACE47_CSV):
+                entry.load()(path, _face(path, take), motion.fps)
+                return
+            raise DependencyError(
+                f"{path.name!r} is written by echoavatar-lab; in a clone of the repository: pip install ./lab"
+            )
+        case ".smplx.npz":
+            from .smplx import write_smplx
 
-        take = take.on_humanoid() if rig is None else rig.retarget(take)
-        face, audio = take.face, np.zeros(0, np.float32) if take.audio is None else take.audio
-        if rig is not None:
-            from .rig_character import film_character
+            write_smplx(path, take)
+        case ".glb" | ".vrm":
+            write_whole(path, _packed(path, take, rig), error=MotionError)
+        case ".fbx":
+            from .blender import write_fbx
 
-            character, face = film_character(rig, face, take.motion.frames)
-        write_film(path, take.motion, audio, face=face, character=character, shot=shot, progress=progress)
-        return
-    write = next(write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending))
-    write(path, take if rig is None else rig.retarget(take), rig)
+            write_fbx(path, _packed(path, take, rig), motion.fps)
+        case ".vrma":
+            from echoavatar.motion.formats.gltf_data import refusing_damage
+
+            from .vrma import pack_vrma
+
+            with refusing_damage(path if rig is None else rig.path):
+                data = pack_vrma(take if rig else take.on_humanoid(), rig.gltf.document if rig and rig.gltf else None)
+            write_whole(path, data, error=MotionError)
+        case ".mp4" | ".webm":
+            from ..avatar.video import write_film
+
+            audio = np.zeros(0, np.float32) if take.audio is None else take.audio
+            if rig is not None:
+                from .rig_character import film_character
+
+                character, face = film_character(rig, face, motion.frames)
+            else:
+                motion = take.on_humanoid().motion
+            write_film(path, motion, audio, face=face, character=character, shot=shot, progress=progress)
+        case _:
+            from ..avatar import load_character
+            from .usd import write_usd
+
+            write_usd(path, load_character(), take)
 
 
 def check_output(output: Path, *, has_rig: bool) -> None:
@@ -85,11 +126,6 @@ def check_output(output: Path, *, has_rig: bool) -> None:
         find_blender()
 
 
-def _bvh(path: Path, take: Take, rig: "Rig | None") -> None:
-    motion, stand = take.motion, OURS if rig is None else rig.stand
-    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, stand=stand)
-
-
 def _packed(path: Path, take: Take, rig: "Rig | None") -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
@@ -107,77 +143,7 @@ def _packed(path: Path, take: Take, rig: "Rig | None") -> bytes:
     return pack_glb(load_character(), [animation])
 
 
-def _vrma(path: Path, take: Take, rig: "Rig | None") -> None:
-    from echoavatar.motion.formats.gltf_data import refusing_damage
-
-    from .vrma import pack_vrma
-
-    if rig is None:
-        data = pack_vrma(take.on_humanoid())
-    else:
-        with refusing_damage(rig.path):
-            data = pack_vrma(take, rig.gltf.document if rig.gltf else None)
-    write_whole(path, data, error=MotionError)
-
-
-def _npz(path: Path, take: Take, _: "Rig | None") -> None:
-    face = {} if take.face is None else {"face": take.face, "face_names": np.array(ARKIT_NAMES)}
-    write_npz(path, take.motion, **face)
-
-
-def _csv(path: Path, take: Take, rig: "Rig | None") -> None:
-    write_csv(path, take.motion)
-    if take.face is not None:
-        _face_csv(path.with_suffix(FACE_CSV), take, rig)
-
-
-def _face_csv(path: Path, take: Take, _: "Rig | None") -> None:
-    write_live_link(path, _face(path, take), take.motion.fps)
-
-
-def _face47_csv(path: Path, take: Take, _: "Rig | None") -> None:
-    for entry in entry_points(group="echoavatar.exports", name=FACE47_CSV):
-        entry.load()(path, _face(path, take), take.motion.fps)
-        return
-    raise DependencyError(
-        f"{path.name!r} is written by echoavatar-lab; in a clone of the repository: pip install ./lab"
-    )
-
-
-def _smplx(path: Path, take: Take, _: "Rig | None") -> None:
-    from .smplx import write_smplx
-
-    write_smplx(path, take)
-
-
-def _usd(path: Path, take: Take, _: "Rig | None") -> None:
-    from ..avatar import load_character
-    from .usd import write_usd
-
-    write_usd(path, load_character(), take)
-
-
-def _fbx(path: Path, take: Take, rig: "Rig | None") -> None:
-    from .blender import write_fbx
-
-    write_fbx(path, _packed(path, take, rig), take.motion.fps)
-
-
 def _face(path: Path, take: Take) -> np.ndarray:
     if take.face is None:
         raise EchoAvatarError(f"cannot write {path.name!r}: the motion has no face; use a bundle with a face model")
     return take.face
-
-
-_WRITERS: Mapping[str, Writer] = {  # by the ending of the file's name, the longer ones first
-    FACE_CSV: _face_csv,
-    FACE47_CSV: _face47_csv,
-    SMPLX_NPZ: _smplx,
-    ".bvh": _bvh,
-    **dict.fromkeys((".glb", ".vrm"), lambda path, *take: write_whole(path, _packed(path, *take), error=MotionError)),
-    ".vrma": _vrma,
-    **dict.fromkeys(USD, _usd),
-    ".fbx": _fbx,
-    ".npz": _npz,
-    ".csv": _csv,
-}

@@ -17,7 +17,7 @@ from PIL import Image
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import CORNERS, MORPHED, PIXELS
-from echoavatar.motion.formats.gltf_data import attribute, corners, read_accessor, refusing_damage, view_bytes
+from echoavatar.motion.formats.gltf_data import refusing_damage
 from echoavatar.motion.formats.gltf_rig import GltfRig, Part, parts_of
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.retarget import PlainRig
@@ -99,7 +99,7 @@ def _character(
 
 def _triangles(rig: GltfRig, part: Part) -> Int[Array, "f 3"]:
     """The vertices of each triangle; lines and points have none."""
-    mode, order = part.entry.get("mode", 4), corners(rig.document, rig.binary, part.entry)
+    mode, order = part.entry.get("mode", 4), rig.corners(part.entry)
     if len(order) and not 0 <= order.min() <= order.max() < len(part.places):
         raise ValueError("a triangle whose vertex does not exist")
     if mode == 4:
@@ -118,7 +118,7 @@ def _normals(
 ) -> Float[Array, "v 3"]:
     """Unit normals: the file's, or those of the triangles around a vertex."""
     if "NORMAL" in part.entry["attributes"]:
-        stored = attribute(rig.document, rig.binary, part.entry, "NORMAL")
+        stored = rig.attribute(part.entry, "NORMAL")
         normals = part.moved(stored[used], used, are_places=False)
     else:
         a, b, c = places[faces].transpose(1, 0, 2)
@@ -135,7 +135,7 @@ def _target(rig: GltfRig, part: Part, used: Int[Array, " v"], target: int) -> tu
     changes = np.zeros((2, len(used), 3))
     for change, name in zip(changes, ("POSITION", "NORMAL"), strict=True):
         if name in stored and {"bufferView", "sparse"} & document["accessors"][stored[name]].keys():
-            change[:] = read_accessor(document, rig.binary, stored[name], count)[used]
+            change[:] = rig.accessor(stored[name], count)[used]
     at = np.flatnonzero(changes.any((0, 2)))
     moves, turns = (part.moved(change[at], used[at], are_places=False) for change in changes)
     return at, moves, turns
@@ -206,7 +206,7 @@ class _Paints:
         for source in sources:
             name = str(source)
             if name not in self.textures and name not in self._unseen:
-                encoded = view_bytes(self._document, self._rig.binary, self._document["images"][source]["bufferView"])
+                encoded = self._rig.view_bytes(self._document["images"][source]["bufferView"])
                 if kind := _unreadable(encoded):
                     self._unseen[name] = kind
                 else:
@@ -222,7 +222,7 @@ class _Paints:
         name = f"TEXCOORD_{moved.get('texCoord', base.get('texCoord', 0))}"
         if name not in part.entry["attributes"]:
             return np.zeros((len(part.places), 2))
-        uvs = attribute(self._document, self._rig.binary, part.entry, name) * moved.get("scale", [1, 1])
+        uvs = self._rig.attribute(part.entry, name) * moved.get("scale", [1, 1])
         cos, sin = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
         uvs = uvs @ np.array([[cos, -sin], [sin, cos]]) + moved.get("offset", [0, 0])
         return np.asarray(np.clip(uvs - np.floor(uvs.min(0)), 0, _FARTHEST))  # a picture repeats
@@ -232,7 +232,7 @@ class _Paints:
         *_, factor = self._surface(part.entry.get("material", -1))
         linear = np.tile(np.array(factor[:3], np.float64), (len(part.places), 1))
         if "COLOR_0" in part.entry["attributes"]:
-            linear *= attribute(self._document, self._rig.binary, part.entry, "COLOR_0")[:, :3]
+            linear *= self._rig.attribute(part.entry, "COLOR_0")[:, :3]
         linear = linear.clip(0, 1)
         srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
         return np.asarray(np.round(255 * srgb))

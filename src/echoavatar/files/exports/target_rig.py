@@ -49,7 +49,7 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
         document = rig.document | {"nodes": [dict(node) for node in rig.document["nodes"]]}
         buffers = document.get("buffers", [])
         buffer = Buffer()
-        buffer.data = bytearray(memoryview(rig.binary.data)[: buffers[0]["byteLength"]] if buffers else b"")
+        buffer.data = bytearray(memoryview(rig.data)[: buffers[0]["byteLength"]] if buffers else b"")
         buffer.data += b"\0" * (-len(buffer.data) % 4)
         buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
         tracks = Tracks(buffer, take.motion.frames, take.motion.fps)

@@ -18,7 +18,7 @@ from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import plain_rig
 from echoavatar.motion.kinematics.rigs import bone_map
 
-from ..avatar.gltf import Buffer, Tracks, packed
+from ..avatar.gltf import Buffer, Tracks, joint_nodes, packed
 from .rig_face import expression_weights
 from .take import Take
 
@@ -42,13 +42,7 @@ def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     if missing := [bone for bone in REQUIRED if bone not in bones]:
         raise MotionError(f"a VRM animation needs the bone {missing[0]}; choose a rig that has it")
-    nodes = [
-        {"name": name, "translation": [float(x) for x in offset]}
-        for name, offset in zip(skeleton.names, skeleton.config.offsets, strict=True)
-    ]
-    for joint, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            nodes[parent].setdefault("children", []).append(joint)  # type: ignore[attr-defined]
+    nodes = joint_nodes(skeleton)
     tracks, rotations = Tracks(Buffer(), motion.frames, motion.fps), align_signs(motion.rotations)
     for joint in range(skeleton.joints):
         tracks.add(joint, "rotation", _xyzw(rotations[:, joint].astype(np.float64)))

@@ -20,7 +20,7 @@ from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from ..kinematics.skeleton import numbered
-from .gltf_data import read_accessor, refusing_damage
+from .gltf_data import refusing_damage
 from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
 
@@ -45,12 +45,11 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
             raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
         needed = {*rig.order, *above(rig.parents, rig.order[0])}
-        chosen = next((k for k, entry in enumerate(entries) if _targets(entry, needed)), 0)
-        if animation is not None:
-            chosen = known.index(animation)
-        elif len(known) > 1:
-            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), known[chosen])
-        return _sampled(rig, entries[chosen], needed)
+        moving = (name for name, entry in zip(known, entries, strict=True) if _targets(entry, needed))
+        chosen = next(moving, known[0]) if animation is None else animation
+        if animation is None and len(known) > 1:
+            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), chosen)
+        return _sampled(rig, entries[known.index(chosen)], needed)
 
 
 def _targets(entry: dict[str, Any], nodes: set[int]) -> dict[tuple[int, str], int]:
@@ -92,7 +91,7 @@ def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
 
 def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
     """Times, values (with tangents before and after for a cubic spline) and kind of interpolation."""
-    times, values = (read_accessor(rig.document, rig.binary, sampler[key]) for key in ("input", "output"))
+    times, values = (rig.accessor(sampler[key]) for key in ("input", "output"))
     kind = sampler.get("interpolation", "LINEAR")
     values = values.reshape(len(times), 3 if kind == "CUBICSPLINE" else 1, width)
     if not len(times) or not (

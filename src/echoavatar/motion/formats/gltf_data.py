@@ -1,7 +1,7 @@
 """Read the data of a glTF file: `.glb`, `.vrm`, or `.gltf` with its parts beside it.
 
 The document is brought into one form: all bytes are in its first buffer, as in a `.glb`, and pictures are in there too.
-Compressed data stays compressed there, and is unpacked where numbers are read (`read_accessor`, `attribute`).
+Compressed data stays compressed there, and is unpacked where numbers are read (`Gltf.accessor`, `Gltf.attribute`).
 """
 
 import os
@@ -33,12 +33,107 @@ _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "i
 
 
 @dataclass(frozen=True)
-class Binary:
-    """The bytes of the first buffer, and what has been unpacked of them."""
+class Gltf:
+    """A document, the bytes of its first buffer, where all numbers are, and what has been unpacked of these."""
 
+    path: Path
+    document: dict[str, Any]
     data: bytes | bytearray
-    views: dict[int, bytes] = field(default_factory=dict)
-    meshes: dict[int, dict[str, Array]] = field(default_factory=dict)
+    views: dict[int, bytes] = field(init=False, default_factory=dict)
+    meshes: dict[int, dict[str, Array]] = field(init=False, default_factory=dict)
+
+    def attribute(self, part: dict[str, Any], name: str) -> Float[Array, "v n"]:
+        """An attribute of a primitive, whose accessor may be in a Draco mesh."""
+        index = part["attributes"][name]
+        entry = part.get("extensions", {}).get(DRACO)
+        count = self.document["accessors"][part["attributes"]["POSITION"]]["count"]
+        if entry is None or name not in entry["attributes"]:
+            return self.accessor(index, count)
+        if name not in self.meshes.get(entry["bufferView"], {}):
+            self._unpack_meshes(next(names for names in _TOGETHER if name in names))
+        values = self.meshes[entry["bufferView"]][name]
+        if len(values) != count:
+            raise ValueError(f"a Draco mesh of {len(values):,} vertices, where the file states {count:,}")
+        return _scaled(values, self.document["accessors"][index])
+
+    def corners(self, part: dict[str, Any]) -> Int[Array, " n"]:
+        """The vertices of a primitive in their order, which may be in a Draco mesh."""
+        if entry := part.get("extensions", {}).get(DRACO):
+            if "indices" not in self.meshes.get(entry["bufferView"], {}):
+                self._unpack_meshes(_TOGETHER[1])
+            return self.meshes[entry["bufferView"]]["indices"].reshape(-1).astype(np.int64)
+        if "indices" not in part:
+            return np.arange(self.document["accessors"][part["attributes"]["POSITION"]]["count"])
+        count = self.document["accessors"][part["indices"]]["count"]
+        return self.accessor(part["indices"], count)[:, 0].astype(np.int64)
+
+    def _unpack_meshes(self, wanted: set[str]) -> None:
+        """Unpack some attributes of all Draco meshes at once: it takes a process."""
+        parts: dict[int, dict[str, int]] = {}
+        for mesh in self.document["meshes"]:
+            for part in mesh["primitives"]:
+                if entry := part.get("extensions", {}).get(DRACO):
+                    ids = entry["attributes"] | {"indices": draco.INDICES}
+                    parts[entry["bufferView"]] = {name: int(ids[name]) for name in sorted(wanted & ids.keys())}
+        sent = [(self.view_bytes(index), ids) for index, ids in parts.items()]
+        for index, found in zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True):
+            self.meshes[index] = self.meshes.get(index, {}) | found
+
+    def view_bytes(self, index: int) -> bytes:
+        """The bytes of a view."""
+        data, start, view = self._view(index)
+        return bytes(memoryview(data)[start:][: view["byteLength"]])
+
+    def accessor(self, index: int, count: int | None = None) -> Float[Array, "n c"]:
+        """The first `count` elements of an accessor, which must have as many; or all."""
+        accessor = self.document["accessors"][index]
+        count = accessor["count"] if count is None else count
+        if not 0 <= count <= accessor["count"]:
+            raise ValueError(f"accessor {index} has a count that cannot be")
+        if "bufferView" in accessor:
+            values = self._elements(accessor, accessor["type"], count)
+        elif "sparse" in accessor and count <= VERTICES:
+            values = np.zeros((count, _WIDTHS[accessor["type"]]), np.dtype(TYPES[accessor["componentType"]]))
+        else:
+            raise ValueError(f"accessor {index} has no data")
+        if sparse := accessor.get("sparse"):
+            if not 0 <= sparse["count"] <= accessor["count"]:
+                raise ValueError(f"accessor {index} has more sparse elements than elements")
+            places = self._elements(sparse["indices"], "SCALAR", sparse["count"])[:, 0]
+            filled = accessor | sparse["values"] | {"byteOffset": sparse["values"].get("byteOffset", 0)}
+            values, here = values.copy(), places < count
+            values[places[here]] = self._elements(filled, accessor["type"], sparse["count"])[here]
+        return _scaled(values, accessor)
+
+    def _elements(self, place: dict[str, Any], kind: str, count: int) -> Array:
+        """`count` elements in a view, as they are stored."""
+        data, begin, view = self._view(place["bufferView"])
+        dtype, width = np.dtype(TYPES[place["componentType"]]), _WIDTHS[kind]
+        start = begin + place.get("byteOffset", 0)
+        stride = view.get("byteStride", dtype.itemsize * width)
+        if start < 0 or stride < dtype.itemsize * width:
+            raise ValueError("an accessor with an offset or stride that cannot be")
+        return np.ndarray((count, width), dtype, data, offset=start, strides=(stride, dtype.itemsize))
+
+    def _view(self, index: int) -> tuple[Any, int, dict[str, Any]]:
+        """The bytes that hold a view, where it begins in these, and its entry."""
+        view = self.document["bufferViews"][index]
+        packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
+        if packed is None:
+            if view.get("buffer", 0) != 0:
+                raise ValueError(f"view {index} is in a buffer without bytes")
+            return self.data, view.get("byteOffset", 0), view
+        if index not in self.views:
+            size = int(packed["count"]) * int(packed["byteStride"])
+            held = sum(map(len, self.views.values()))
+            if min(packed["count"], packed["byteStride"]) < 1 or size + held > UNPACKED_BYTES:
+                raise ValueError(f"compressed data of {size:,} bytes, and at most {UNPACKED_BYTES:,} are unpacked")
+            import meshopt
+
+            part = np.frombuffer(self.data, np.uint8, packed["byteLength"], packed.get("byteOffset", 0))
+            how = packed["mode"], packed.get("filter", "NONE")
+            self.views[index] = bytes(meshopt.decode_gltf_buffer(part, packed["count"], packed["byteStride"], *how))
+        return self.views[index], 0, view | {"byteStride": packed["byteStride"]}
 
 
 @contextmanager
@@ -56,7 +151,7 @@ def refusing_damage(path: Path) -> Iterator[None]:
         ) from error
 
 
-def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
+def read_chunks(path: Path) -> Gltf:
     """The document of a file and its bytes.
 
     Raises MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
@@ -91,12 +186,12 @@ def _present(value: Any) -> Any:
     return [_present(inner) for inner in value] if isinstance(value, list) else value
 
 
-def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[str, Any], Binary]:
+def _joined(path: Path, document: dict[str, Any], first: bytes) -> Gltf:
     """The document with all bytes in its first buffer; further buffers are places for unpacked data, without bytes."""
     buffers, images = document.get("buffers", []), document.get("images", [])
     outside = [*buffers[1:], *[entry for entry in (*buffers[:1], *images) if "uri" in entry]]
     if all(_is_empty(entry) for entry in outside):
-        return document, Binary(first)
+        return Gltf(path, document, first)
     if len(buffers) + len(images) > FILE_PARTS:
         raise ValueError(f"{len(buffers) + len(images):,} parts, and at most {FILE_PARTS:,} are read")
     data, starts, kept = bytearray(), [], [{"byteLength": 0}]
@@ -124,7 +219,7 @@ def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[st
             data += part + b"\0" * (-len(part) % 4)
     kept[0]["byteLength"] = len(data)
     document["buffers"] = kept
-    return document, Binary(data)
+    return Gltf(path, document, data)
 
 
 def _is_empty(buffer: dict[str, Any]) -> bool:
@@ -152,87 +247,6 @@ def _bytes_of(path: Path, uri: str, held: int) -> bytes:
         raise MotionError(f"{path} refers to {uri!r}, which cannot be read; put it beside the file") from error
 
 
-def attribute(document: dict[str, Any], binary: Binary, part: dict[str, Any], name: str) -> Float[Array, "v n"]:
-    """An attribute of a primitive, whose accessor may be in a Draco mesh."""
-    index = part["attributes"][name]
-    entry = part.get("extensions", {}).get(DRACO)
-    count = document["accessors"][part["attributes"]["POSITION"]]["count"]
-    if entry is None or name not in entry["attributes"]:
-        return read_accessor(document, binary, index, count)
-    if name not in binary.meshes.get(entry["bufferView"], {}):
-        _unpack_meshes(document, binary, next(names for names in _TOGETHER if name in names))
-    values = binary.meshes[entry["bufferView"]][name]
-    if len(values) != count:
-        raise ValueError(f"a Draco mesh of {len(values):,} vertices, where the file states {count:,}")
-    return _scaled(values, document["accessors"][index])
-
-
-def corners(document: dict[str, Any], binary: Binary, part: dict[str, Any]) -> Int[Array, " n"]:
-    """The vertices of a primitive in their order, which may be in a Draco mesh."""
-    if entry := part.get("extensions", {}).get(DRACO):
-        if "indices" not in binary.meshes.get(entry["bufferView"], {}):
-            _unpack_meshes(document, binary, _TOGETHER[1])
-        return binary.meshes[entry["bufferView"]]["indices"].reshape(-1).astype(np.int64)
-    if "indices" not in part:
-        return np.arange(document["accessors"][part["attributes"]["POSITION"]]["count"])
-    count = document["accessors"][part["indices"]]["count"]
-    return read_accessor(document, binary, part["indices"], count)[:, 0].astype(np.int64)
-
-
-def _unpack_meshes(document: dict[str, Any], binary: Binary, wanted: set[str]) -> None:
-    """Unpack some attributes of all Draco meshes at once: it takes a process."""
-    parts: dict[int, dict[str, int]] = {}
-    for mesh in document["meshes"]:
-        for part in mesh["primitives"]:
-            if entry := part.get("extensions", {}).get(DRACO):
-                ids = entry["attributes"] | {"indices": draco.INDICES}
-                parts[entry["bufferView"]] = {name: int(ids[name]) for name in sorted(wanted & ids.keys())}
-    sent = [(view_bytes(document, binary, index), ids) for index, ids in parts.items()]
-    for index, found in zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True):
-        binary.meshes[index] = binary.meshes.get(index, {}) | found
-
-
-def view_bytes(document: dict[str, Any], binary: Binary, index: int) -> bytes:
-    """The bytes of a view."""
-    data, start, view = _view(document, binary, index)
-    return bytes(memoryview(data)[start:][: view["byteLength"]])
-
-
-def read_accessor(
-    document: dict[str, Any], binary: Binary, index: int, count: int | None = None
-) -> Float[Array, "n c"]:
-    """The first `count` elements of an accessor, which must have as many; or all."""
-    accessor = document["accessors"][index]
-    count = accessor["count"] if count is None else count
-    if not 0 <= count <= accessor["count"]:
-        raise ValueError(f"accessor {index} has a count that cannot be")
-    if "bufferView" in accessor:
-        values = _elements(document, binary, accessor, accessor["type"], count)
-    elif "sparse" in accessor and count <= VERTICES:
-        values = np.zeros((count, _WIDTHS[accessor["type"]]), np.dtype(TYPES[accessor["componentType"]]))
-    else:
-        raise ValueError(f"accessor {index} has no data")
-    if sparse := accessor.get("sparse"):
-        if not 0 <= sparse["count"] <= accessor["count"]:
-            raise ValueError(f"accessor {index} has more sparse elements than elements")
-        places = _elements(document, binary, sparse["indices"], "SCALAR", sparse["count"])[:, 0]
-        filled = accessor | sparse["values"] | {"byteOffset": sparse["values"].get("byteOffset", 0)}
-        values, here = values.copy(), places < count
-        values[places[here]] = _elements(document, binary, filled, accessor["type"], sparse["count"])[here]
-    return _scaled(values, accessor)
-
-
-def _elements(document: dict[str, Any], binary: Binary, place: dict[str, Any], kind: str, count: int) -> Array:
-    """`count` elements in a view, as they are stored."""
-    data, begin, view = _view(document, binary, place["bufferView"])
-    dtype, width = np.dtype(TYPES[place["componentType"]]), _WIDTHS[kind]
-    start = begin + place.get("byteOffset", 0)
-    stride = view.get("byteStride", dtype.itemsize * width)
-    if start < 0 or stride < dtype.itemsize * width:
-        raise ValueError("an accessor with an offset or stride that cannot be")
-    return np.ndarray((count, width), dtype, data, offset=start, strides=(stride, dtype.itemsize))
-
-
 def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
     """Integers that stand for -1 to 1 as these."""
     with np.errstate(invalid="ignore"):  # what is no number is looked for by those who need one
@@ -240,24 +254,3 @@ def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
     if not accessor.get("normalized"):
         return found
     return np.maximum(found / np.iinfo(TYPES[accessor["componentType"]]).max, -1)
-
-
-def _view(document: dict[str, Any], binary: Binary, index: int) -> tuple[Any, int, dict[str, Any]]:
-    """The bytes that hold a view, where it begins in these, and its entry."""
-    view = document["bufferViews"][index]
-    packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
-    if packed is None:
-        if view.get("buffer", 0) != 0:
-            raise ValueError(f"view {index} is in a buffer without bytes")
-        return binary.data, view.get("byteOffset", 0), view
-    if index not in binary.views:
-        size = int(packed["count"]) * int(packed["byteStride"])
-        held = sum(map(len, binary.views.values()))
-        if min(packed["count"], packed["byteStride"]) < 1 or size + held > UNPACKED_BYTES:
-            raise ValueError(f"compressed data of {size:,} bytes, and at most {UNPACKED_BYTES:,} are unpacked")
-        import meshopt
-
-        part = np.frombuffer(binary.data, np.uint8, packed["byteLength"], packed.get("byteOffset", 0))
-        how = packed["mode"], packed.get("filter", "NONE")
-        binary.views[index] = bytes(meshopt.decode_gltf_buffer(part, packed["count"], packed["byteStride"], *how))
-    return binary.views[index], 0, view | {"byteStride": packed["byteStride"]}

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from echoavatar.limits import DEPTH, NODES
 
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from .gltf_data import Binary, read_accessor
+from .gltf_data import Gltf
 
 Array = np.ndarray
 
@@ -86,10 +86,10 @@ def unscaled(matrix: Float[Array, "*n 4 4"]) -> Float[Array, "*n 3 3"]:
     return axes
 
 
-def binds_of(document: dict[str, Any], binary: Binary, skin: int) -> Float[Array, "j 4 4"]:
+def binds_of(file: Gltf, skin: int) -> Float[Array, "j 4 4"]:
     """The inverse bind matrix of each joint of a skin."""
-    entry = document["skins"][skin]
+    entry = file.document["skins"][skin]
     count = len(entry["joints"])
     if "inverseBindMatrices" not in entry:
         return np.tile(np.eye(4), (count, 1, 1))
-    return read_accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
+    return file.accessor(entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)

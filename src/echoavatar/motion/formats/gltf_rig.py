@@ -9,6 +9,7 @@ so, because the nodes may stand in the middle of an animation; or else the nodes
 
 import logging
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +27,7 @@ from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
 from ..kinematics.skeleton import numbered
 from ..kinematics.upright import axes_of, height, metres_of, triples
-from .gltf_data import Binary, attribute, read_chunks, refusing_damage
+from .gltf_data import Gltf, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
 
 Array = np.ndarray
@@ -37,12 +38,10 @@ _RIGID = 6  # bones that have a part of their own, where nothing is skinned
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
 
 
-class GltfRig(NamedTuple):
+@dataclass(frozen=True)
+class GltfRig(Gltf):
     """A file and what was found in it."""
 
-    path: Path
-    document: dict[str, Any]
-    binary: Binary
     order: list[int]  # the node of each joint of the skeleton
     parents: dict[int, int]  # the parent of every node, -1 for the topmost
     matrices: Float[Array, "n 4 4"]  # of every node, as the nodes stand, in the space in which the hips move
@@ -69,12 +68,13 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
 
 
 def _read(path: Path, given: JointMap | None) -> GltfRig:
-    document, binary = read_chunks(path)
+    file = read_chunks(path)
+    document = file.document
     # some programs write -1 for what is not there
     document["nodes"] = [{k: v for k, v in node.items() if v != -1} for node in document["nodes"]]
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
-    order, bones, names = _rig(document, parents, worlds, path, given)
+    order, bones, names = _rig(file, parents, worlds, given)
     spaces = [*(worlds[node] for node in above(parents, order[0])), np.eye(4)]
     try:
         matrices = np.linalg.inv(spaces[0]) @ worlds
@@ -89,7 +89,7 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
             f"{path}: {names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
             " be sheared when it moves; apply its scale and export it again"
         )
-    bound = list(islice(_bound(document, binary, order, layout), 1))
+    bound = list(islice(_bound(file, order, layout), 1))
     axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
     scale = float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
     try:
@@ -110,7 +110,7 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
         )
         if has_rest_pose(skeleton := Skeleton(config), bones):
             break
-    return GltfRig(path, document, binary, order, parents, matrices, skeleton, frames, turn, unit)
+    return GltfRig(path, document, file.data, order, parents, matrices, skeleton, frames, turn, unit)
 
 
 class _Layout:
@@ -154,9 +154,7 @@ class _Layout:
         return next((at for at, size in zip(above, sizes, strict=True) if size[0] > _EVEN * size[2]), 0)
 
 
-def _bound(
-    document: dict[str, Any], binary: Binary, order: list[int], layout: _Layout
-) -> Iterator[tuple[Array, Array]]:
+def _bound(file: Gltf, order: list[int], layout: _Layout) -> Iterator[tuple[Array, Array]]:
     """The bind pose of each skin that has a body's bones: the axes of the joints, the hips as they stand (j, 3, 3), and
     those in which the mesh was made (3, 3).
 
@@ -164,10 +162,10 @@ def _bound(
     """
     required = {order[layout.bones[bone]] for bone in REQUIRED}
     stands, parents = layout.stands, layout.parents
-    for number, skin in enumerate(document.get("skins", [])):
+    for number, skin in enumerate(file.document.get("skins", [])):
         if "inverseBindMatrices" not in skin or not required <= set(skin["joints"]):
             continue
-        inverse = dict(zip(skin["joints"], binds_of(document, binary, number), strict=True))
+        inverse = dict(zip(skin["joints"], binds_of(file, number), strict=True))
         to_hips = layout.matrices[0] @ inverse[order[0]]  # from the space of the mesh to that of the hips
         known = {joint: inverse[order[joint]] for joint in layout.core if order[joint] in inverse}
         if not all(np.isfinite(bind).all() and np.linalg.det(bind) for bind in known.values()):
@@ -189,9 +187,10 @@ def _bound(
 
 
 def _rig(
-    document: dict[str, Any], parents: dict[int, int], worlds: Float[Array, "n 4 4"], path: Path, given: JointMap | None
+    file: Gltf, parents: dict[int, int], worlds: Float[Array, "n 4 4"], given: JointMap | None
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
+    path, document = file.path, file.document
     skins, mapped = document.get("skins", []), _humanoid(document)
     if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
@@ -334,22 +333,22 @@ def parts_of(rig: GltfRig, plain: PlainRig, *, has_rigid: bool = False) -> Itera
     Where no mesh is skinned, the parts hang on the bones as they are. What hangs mostly from nodes of another tree,
     such as those of a second character, is not its own.
     """
-    document, binary, owner, moves = rig.document, rig.binary, _owners(rig), _moves(rig, plain)
+    owner, moves = _owners(rig), _moves(rig, plain)
     skins: dict[int, tuple[Array, Array]] = {}
-    for node, skin, part in _drawn(document, has_rigid):
-        places = attribute(document, binary, part, "POSITION")
+    for node, skin, part in _drawn(rig.document, has_rigid):
+        places = rig.attribute(part, "POSITION")
         if skin is None:
             joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
             known = np.array([owner[node] if rig.parents[node] >= 0 else 0], np.int32)  # loose parts go with the hips
             placed = moves[known] @ rig.matrices[[node]]
         else:
             if skin not in skins:
-                bones = document["skins"][skin]["joints"]
+                bones = rig.document["skins"][skin]["joints"]
                 known = np.array([owner[joint] for joint in bones], np.int32)
-                skins[skin] = moves[known] @ rig.matrices[bones] @ binds_of(document, binary, skin), known
+                skins[skin] = moves[known] @ rig.matrices[bones] @ binds_of(rig, skin), known
             placed, known = skins[skin]
-            joints = attribute(document, binary, part, "JOINTS_0").astype(int)
-            share = attribute(document, binary, part, "WEIGHTS_0")
+            joints = rig.attribute(part, "JOINTS_0").astype(int)
+            share = rig.attribute(part, "WEIGHTS_0")
         if share.shape[1] != 4:
             raise ValueError(f"{share.shape[1]} weights for a vertex, where the format has 4")
         share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .joint_tree import REQUIRED, SIDES, Tree, head_above, trunk_bones
 from .joint_words import DIGITS
+from .skeleton import HUMANOID
 
 _LEG, _ARM = ("UpperLeg", "LowerLeg", "Foot", "Toes"), ("Shoulder", "UpperArm", "LowerArm", "Hand")
 _OPTIONAL = ("Shoulder", "Toes")
@@ -41,13 +42,10 @@ def named_bones(tree: Tree) -> dict[str, int]:
     return max(bodies, key=lambda bones: (sum(bone in bones for bone in REQUIRED), len(bones)), default={})
 
 
-def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
+def finger_bones(side: str) -> dict[str, list[str]]:
     """The three bones of each digit of a hand."""
-    thumb, others = ("Metacarpal", "Proximal", "Distal"), ("Proximal", "Intermediate", "Distal")
-    return {
-        digit: tuple(f"{side}{digit}{bone}" for bone in (thumb if digit == "Thumb" else others))  # type: ignore[misc]
-        for digit in map(str.capitalize, DIGITS)
-    }
+    digits = map(str.capitalize, DIGITS)
+    return {digit: [name for name in HUMANOID.names if name.startswith(side + digit)] for digit in digits}
 
 
 def _starts(tree: Tree) -> list[int]:

@@ -77,12 +77,10 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     A figure that leans is not straightened, and one that does not stand is not turned. The unit is `usual` (metres)
     where the bones that tell are missing.
     """
-    if _NEEDED - bones.keys() or not np.isfinite(places).all():
-        return Stand(metres=usual)
-    if not (tall := height(bones, places)):
+    if _NEEDED - bones.keys() or not np.isfinite(places).all() or not (tall := height(bones, places)):
         return Stand(metres=usual)
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
-    metres = _unit_of(tall)
+    metres = metres_of(tall)
     lines = [unit(at["head"] - at["hips"]), *(unit(at["hips"] - at[f"{side}Foot"]) for side in SIDES)]
     up = _nearest(np.eye(3), np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
@@ -189,15 +187,10 @@ def _toes(places: Mapping[str, _Vector]) -> _Vector:
     return np.sum(toes, axis=0) if toes else np.zeros(3)
 
 
-def metres_of(tall: float, stated: float) -> float:
-    """Metres in the unit of a figure so tall: the `stated` unit if that makes a person of it, or else a usual one."""
-    return stated if _ANYONE[0] <= tall * stated <= _ANYONE[1] else _unit_of(tall)
-
-
-def _unit_of(tall: float) -> float:
-    """Metres in the likeliest unit, or in one of its own, of a figure so tall."""
-    usual = (unit for _, unit, least, most in UNITS if least <= tall * unit <= most)
-    return next(usual, _MEAN / tall)
+def metres_of(tall: float, stated: float = 0.0) -> float:
+    """Metres in the unit of a figure so tall: the stated one if that makes a person, the likeliest, or its own."""
+    likely = (unit for _, unit, least, most in (("", stated, *_ANYONE), *UNITS) if least <= tall * unit <= most)
+    return next(likely, _MEAN / tall)
 
 
 def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
