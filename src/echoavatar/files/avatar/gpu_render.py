@@ -304,7 +304,7 @@ class GpuRenderer(Renderer):
     def _view(self) -> Float[np.ndarray, "4 4"]:
         """The map from world to the clip space of the samples, y downwards; the far plane is at infinity."""
         high, wide = self._grid
-        right, up, back = self.camera.axes()
+        right, up, back = self.camera.axes
         scaled = np.stack([right * (2 * self._focal / wide), -up * (2 * self._focal / high), -back, -back])
         shift = -scaled @ np.array(self.camera.position)
         shift[2] -= 2 * _NEAR_M

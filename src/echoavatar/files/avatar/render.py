@@ -7,6 +7,7 @@ renderers draw at once in threads.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer, UInt8
@@ -35,6 +36,7 @@ class Camera:
     target: tuple[float, float, float] = (0.0, 0.92, 0.0)
     field_of_view: float = 0.52
 
+    @cached_property
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """The camera's axes as rows: right, up, backward."""
         back = np.array(self.position) - np.array(self.target)
@@ -62,7 +64,7 @@ class Paint:
     def of(cls, character: Character) -> "Paint":
         """The paint of a character; its pictures are decoded here."""
         material, palette = character.materials[character.triangles[:, 0]], character.palette
-        texels, pictures = character.texels()
+        texels, pictures = character.texels
         cuts = np.array([m.is_cutout or m.is_sheer for m in palette])
         return cls(
             colours=_LINEAR[character.colours],
@@ -232,7 +234,7 @@ class Renderer:
 
     def _project(self, points: NDArray[np.float32], screen: NDArray[np.float32]) -> None:
         high, wide = self._grid
-        axes = self.camera.axes().astype(np.float32)
+        axes = self.camera.axes.astype(np.float32)
         place = np.array(self.camera.position, np.float32)
         raster.projected(points, place, axes, np.float32(self._focal), np.float32(wide), np.float32(high), screen)
 
@@ -251,7 +253,7 @@ class Renderer:
     def _rays(self) -> NDArray[np.float32]:
         """The affine map from samples to ray directions: the corner's, and what a step to the right or down adds."""
         high, wide = self._grid
-        right, up, back = self.camera.axes()
+        right, up, back = self.camera.axes
         corner = -back - right * (wide / 2) / self._focal + up * (high / 2) / self._focal
         return np.stack([corner, right / self._focal, -up / self._focal]).astype(np.float32)
 
