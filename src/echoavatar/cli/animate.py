@@ -6,7 +6,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import AudioError, EchoAvatarError
@@ -92,8 +91,6 @@ def run(args: argparse.Namespace) -> int:
 
         rig = read_rig(args.rig, read_map(args.map))
     character = _character(args, places, rig)
-    if character is not None and rig is None:
-        Thread(target=lambda: character.texels, daemon=True).start()  # decodes its pictures while motion is made
     if len(args.audio) == 1 and args.audio != [STDIN]:
         check_sound(args.audio[0])  # before the model is loaded
     if args.in_place and "leash" in args.without:
