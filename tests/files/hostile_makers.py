@@ -218,7 +218,7 @@ def picture(width: int, height: int) -> File:
         with np.load(FOLDER / "maya.npz") as stored:
             np.savez(path, **dict(stored) | {"texture_atlas": png(width, height)})
 
-    return File(make, lambda path: load_character(path).texels(), "npz")
+    return File(make, lambda path: load_character(path).texels, "npz")
 
 
 def library(*rows: dict[str, Any], times: int = 1) -> File:

@@ -18,7 +18,7 @@ from echoavatar.motion.kinematics import HUMANOID
 
 def test_pictures_come_back_with_their_reductions() -> None:
     """Each level has half the sides of the one before; only hair has clear texels."""
-    texels, _ = load_character().texels()
+    texels, _ = load_character().texels
     assert texels.table.shape == (len(NAMES), REDUCTIONS, 3)
     np.testing.assert_array_equal(texels.table[:, 1, 1:] * 2, texels.table[:, 0, 1:])
     for row, name in enumerate(NAMES):
@@ -34,10 +34,10 @@ def test_each_has_three_outfits_that_differ(name: str) -> None:
     assert len(set(character.outfits)) == 3
     first, *others = (load_character(f"{name}/{outfit}") for outfit in character.outfits)
     assert first.textures["outfit"] == character.textures["outfit"]
-    (start, wide, high), seen = first.texels()[0].table[NAMES.index("outfit"), 2], first.texels()[0].values
+    (start, wide, high), seen = first.texels[0].table[NAMES.index("outfit"), 2], first.texels[0].values
     for other in others:
         assert (other.outfits, other.textures.keys()) == ((other.outfits[0],), first.textures.keys())
-        apart = other.texels()[0].values[start:][: wide * high, :3].astype(int) - seen[start:][: wide * high, :3]
+        apart = other.texels[0].values[start:][: wide * high, :3].astype(int) - seen[start:][: wide * high, :3]
         assert (np.abs(apart).max(1) > 25).mean() > 0.4
 
 
@@ -49,7 +49,7 @@ def test_an_unknown_outfit_is_named_with_those_there_are() -> None:
 def test_places_find_their_colour() -> None:
     """A place outside any picture is white; skin is redder than blue wherever a face lies."""
     character = load_character()
-    texels, _ = character.texels()
+    texels, _ = character.texels
     found = looked_up(texels, np.array([-1, 0]), np.array([[0.5, 0.5], [0.45, 0.5]], np.float32))
     np.testing.assert_array_equal(found[0], 1)
     assert found[1, 0] > found[1, 2]

@@ -39,7 +39,7 @@ def filmed(motion: Motion, view: View, size: tuple[int, int]) -> tuple[list[Came
     cameras = path(view, size, MAYA, rotations, positions, motion.fps)
     seen = []
     for camera, points in zip(cameras, positions, strict=True):
-        x, y, z = camera.axes() @ (points - camera.position).T
+        x, y, z = camera.axes @ (points - camera.position).T
         assert (z < -0.5).all()
         high = -z * np.tan(camera.field_of_view / 2)
         seen.append(np.stack([x / high * size[1] / size[0], y / high], 1))
@@ -60,7 +60,7 @@ def test_all_of_the_body_is_seen_all_the_time_and_large(view: View, size: tuple[
 def test_the_camera_neither_turns_nor_shakes(size: tuple[int, int]) -> None:
     """It starts and stops softly: in a second its speed changes by less than that of a slow step."""
     cameras, _ = filmed(dance(), "front", size)
-    axes = np.array([camera.axes() for camera in cameras])
+    axes = np.array([camera.axes for camera in cameras])
     np.testing.assert_allclose(axes, np.broadcast_to(axes[0], axes.shape), atol=1e-9)
     places = np.array([camera.position for camera in cameras])
     assert np.linalg.norm(np.diff(places, 2, axis=0), axis=1).max() * FPS**2 < 4.0

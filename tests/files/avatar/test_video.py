@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
+from echoavatar.files.avatar.framing import View
 from echoavatar.files.avatar.video import Shot, film, write_film
 from echoavatar.motion.kinematics import HUMANOID, Motion
 
@@ -99,3 +100,15 @@ def test_two_threads_draw_the_frames_in_order() -> None:
     pictures = list(film(standing(9), face=face, shot=shot))
     alone = [next(film(standing(1), face=face[i : i + 1], shot=shot)) for i in range(9)]
     np.testing.assert_array_equal(pictures, alone)
+
+
+@pytest.mark.parametrize("view", ["front", "bust"])
+def test_the_film_holds_the_pictures_that_are_drawn(tmp_path: Path, view: View) -> None:
+    """Only the drawn part is converted for the encoder: luma of whole pictures, apart from losses of the encoder."""
+    path, shot = tmp_path / "clip.mp4", Shot((160, 120), view, samples=1)
+    write_film(path, standing(2), np.zeros(1600, np.float32), shot=shot)
+    weights = np.array([0.257, 0.504, 0.098])  # of red, green and blue in luma
+    with av.open(str(path)) as container:
+        for frame, picture in zip(container.decode(video=0), film(standing(2), shot=shot), strict=True):
+            luma = frame.to_ndarray()[:120]
+            assert np.abs(luma - (picture @ weights + 16)).mean() < 2

@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 from .character import Character
 from .framing import View, aimed, followed
 from .gpu_render import GpuRenderer
-from .render import Camera, Paint, Renderer, Surface
+from .render import Box, Camera, Paint, Renderer, Surface
 from .skinning import skin
 
 RendererName = Literal["cpu", "gpu"]
@@ -38,7 +38,7 @@ class AvatarRenderer:
     def __init__(self, character: Character, shot: Shot, paint: Paint | None = None) -> None:
         """Raises MotionError where there is no such background, DependencyError where there is no OpenGL for `gpu`."""
         self.shot, self.paint = shot, paint or Paint.of(character)
-        self._character = character
+        self.character = character
         make = RENDERERS[shot.renderer]
         self._renderer = make(*shot.size, samples=shot.samples, background=shot.background, alpha=shot.alpha)
 
@@ -50,12 +50,22 @@ class AvatarRenderer:
         camera: Camera | None = None,
     ) -> UInt8[np.ndarray, "h w c"]:
         """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
-        view, who = self.shot.view, self._character
+        view, who = self.shot.view, self.character
         joint, size = followed(view, who)
         self._renderer.camera = camera or aimed(view, positions[joint], size)
         points, normals = skin(who, rotations, positions, face)
         return self._renderer.draw(Surface(points, normals, self.paint))
 
+    @property
+    def backdrop(self) -> UInt8[np.ndarray, "h w c"]:
+        """The picture without the character."""
+        return self._renderer.empty
+
+    @property
+    def drawn(self) -> tuple[Box, ...]:
+        """The boxes outside which the last picture is the backdrop."""
+        return self._renderer.drawn
+
     def twin(self) -> "AvatarRenderer":
         """Another renderer of the same character, for another thread."""
-        return AvatarRenderer(self._character, self.shot, self.paint)
+        return AvatarRenderer(self.character, self.shot, self.paint)

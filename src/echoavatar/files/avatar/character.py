@@ -86,22 +86,34 @@ def decoded(pictures: Sequence[tuple[bytes, float]]) -> Texels:
 
 
 def _halved(level: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "i j 4"]:
-    """Half as wide and high. Alpha counts as weight, and is raised so that cut-out strands do not thin out."""
-    height, width = level.shape[0] // 2 * 2, level.shape[1] // 2 * 2
-    if min(height, width) < 2:
+    """Half as wide and high."""
+    if min(level.shape[:2]) < 2:
         return level
-    values = level[:height, :width].astype(np.float32)
-    alpha = values[..., 3:]
-    total = _sum_of_fours(alpha)
-    shown = _sum_of_fours(values[..., :3] * alpha) / np.maximum(total, 1)
-    colour = np.where(total > 0, shown, _sum_of_fours(values[..., :3]) / 4)
-    return np.concatenate([colour, np.minimum(total / 4 * 1.12, 255)], 2).astype(np.uint8)
+    half = np.empty((level.shape[0] // 2, level.shape[1] // 2, 4), np.uint8)
+    reduced(level, half)
+    return half
 
 
-def _sum_of_fours(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "i j c"]:
-    """The sum of each square of four."""
-    rows = values[::2] + values[1::2]
-    return np.asarray(rows[:, ::2] + rows[:, 1::2])
+@kernel()
+def reduced(level, half):  # type: ignore[no-untyped-def]
+    """Means of two by two texels. Alpha counts as weight, and is raised so that cut-out strands do not thin out."""
+    zero, one, raised = np.float32(0), np.float32(1), np.float32(1.12)
+    for row in range(half.shape[0]):
+        for column in range(half.shape[1]):
+            alphas, red, green, blue = zero, zero, zero, zero
+            for dy in range(2):
+                for dx in range(2):
+                    alphas += np.float32(level[2 * row + dy, 2 * column + dx, 3])
+            for dy in range(2):
+                for dx in range(2):
+                    texel = level[2 * row + dy, 2 * column + dx]
+                    share = np.float32(texel[3]) if alphas > zero else one
+                    red += share * np.float32(texel[0])
+                    green += share * np.float32(texel[1])
+                    blue += share * np.float32(texel[2])
+            total = alphas if alphas > zero else np.float32(4)
+            half[row, column, 0], half[row, column, 1], half[row, column, 2] = red / total, green / total, blue / total
+            half[row, column, 3] = min(alphas / np.float32(4) * raised, np.float32(255))
 
 
 def looked_up(
@@ -309,6 +321,7 @@ class Character:
         """The pictures that are drawn: the name in `textures`, and a factor on alpha."""
         return list(dict.fromkeys((m.picture, m.opacity) for m in self.palette if m.picture))
 
+    @cached_property
     def texels(self) -> tuple[Texels, Int[np.ndarray, " m"]]:
         """The decoded pictures, and the row of each material's; -1: none."""
         rows = [self.pictures.index((m.picture, m.opacity)) if m.picture else -1 for m in self.palette]
@@ -316,7 +329,7 @@ class Character:
 
     def flat_colours(self) -> Float[np.ndarray, "v 3"]:
         """The sRGB colour of each vertex, 0 to 1, for files without pictures."""
-        texels, rows = self.texels()
+        texels, rows = self.texels
         return looked_up(texels, rows[self.materials], self.uvs) * (self.colours / np.float32(255))
 
     def with_face(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:

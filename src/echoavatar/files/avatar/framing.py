@@ -79,7 +79,7 @@ def path(
         heads = weighted_mean(positions[:, joint], bell)
         return [aimed(view, place, times) for place in heads]
     away = _offset(view)
-    axes = _camera(away, 0 * away).axes()
+    axes = _camera(away, 0 * away).axes
     high = _SHARE * math.tan(_FIELD / 2)
     slopes = np.array([high * size[0] / size[1], high])
     edges = _edges(character, rotations, positions, axes, slopes)

@@ -192,12 +192,12 @@ class GpuRenderer(Renderer):
         self._painted: Paint | None = None
         with self._context as context:
             self.card: str = context.info["GL_RENDERER"]
-            size, channels = (self.width, self.height), self._empty.shape[2]
+            size, channels = (self.width, self.height), self.empty.shape[2]
             samples = self._grid[::-1]
             self._heights = context.texture((SHADOW_TEXELS, SHADOW_TEXELS), 1, dtype="f4")
             self._body = context.texture(samples, 4)
             self._touched = context.texture((CONTACT_CELLS, CONTACT_CELLS), 1, dtype="f4")
-            backdrop = context.texture(size, channels, self._empty.tobytes(), alignment=1)
+            backdrop = context.texture(size, channels, self.empty.tobytes(), alignment=1)
             tone = context.texture((len(self._tone), 1), 1, self._tone.tobytes())
             self._shadow_target = context.framebuffer([self._heights])
             self._body_target = context.framebuffer([self._body], context.depth_renderbuffer(samples))
@@ -237,7 +237,7 @@ class GpuRenderer(Renderer):
             self._target.use()
             self._context.enable_only(self._gl.NOTHING)
             self._whole.render(self._gl.TRIANGLES, vertices=3)
-            image = np.empty_like(self._empty)
+            image = np.empty_like(self.empty)
             self._target.read_into(image, components=image.shape[2], alignment=1)
         return image
 
@@ -304,7 +304,7 @@ class GpuRenderer(Renderer):
     def _view(self) -> Float[np.ndarray, "4 4"]:
         """The map from world to the clip space of the samples, y downwards; the far plane is at infinity."""
         high, wide = self._grid
-        right, up, back = self.camera.axes()
+        right, up, back = self.camera.axes
         scaled = np.stack([right * (2 * self._focal / wide), -up * (2 * self._focal / high), -back, -back])
         shift = -scaled @ np.array(self.camera.position)
         shift[2] -= 2 * _NEAR_M

@@ -7,6 +7,7 @@ renderers draw at once in threads.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer, UInt8
@@ -23,6 +24,7 @@ SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
 MATT = 0.7  # skin that is rougher is painted hair
+Box = tuple[int, int, int, int]  # pixels: left, top, and right, bottom, which are not included
 NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
 
 
@@ -34,6 +36,7 @@ class Camera:
     target: tuple[float, float, float] = (0.0, 0.92, 0.0)
     field_of_view: float = 0.52
 
+    @cached_property
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """The camera's axes as rows: right, up, backward."""
         back = np.array(self.position) - np.array(self.target)
@@ -61,7 +64,7 @@ class Paint:
     def of(cls, character: Character) -> "Paint":
         """The paint of a character; its pictures are decoded here."""
         material, palette = character.materials[character.triangles[:, 0]], character.palette
-        texels, pictures = character.texels()
+        texels, pictures = character.texels
         cuts = np.array([m.is_cutout or m.is_sheer for m in palette])
         return cls(
             colours=_LINEAR[character.colours],
@@ -101,7 +104,12 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one picture size before one backdrop, and keeps its buffers between frames; for one thread."""
+    """Draws surfaces at one picture size before one backdrop, and keeps its buffers between frames; for one thread.
+
+    Attributes:
+        empty: (h, w, c): the picture of nothing.
+        drawn: the boxes outside which the last picture is `empty`.
+    """
 
     def __init__(
         self,
@@ -121,9 +129,10 @@ class Renderer:
         self._grid = height * samples, width * samples
         self.camera = camera or Camera()
         self._backdrop = Backdrop.of(background)
-        self._empty = self._backdrop.picture(width, height)
+        self.empty = self._backdrop.picture(width, height)
         if alpha:
-            self._empty = np.zeros((height, width, 4), np.uint8)
+            self.empty = np.zeros((height, width, 4), np.uint8)
+        self.drawn: tuple[Box, ...] = ((0, 0, width, height),)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
         near = np.abs(np.subtract.outer(np.arange(CONTACT_CELLS), np.arange(CONTACT_CELLS))) <= 4
         self._softer = np.linalg.matrix_power(near / np.float32(9), 3)  # means of nine cells, thrice
@@ -153,9 +162,10 @@ class Renderer:
         raster.bounds(points, look[0], self._bounds)
         to_light = self._light_space(look[0])
         raster.shadow_depth(points, paint.triangles, paint.two_sided, to_light, self._light, self._shadow)
-        image = self._empty.copy()
-        self._draw_shadow(image, points, place, rays, to_light)
+        image = self.empty.copy()
+        floor = self._draw_shadow(image, points, place, rays, to_light)
         box = self._box(self._screen)
+        self.drawn = floor, self._pixels(box)
         buffers = self._depth, self._ids, box
         raster.visible(
             self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, paint.sheer, *texels
@@ -194,22 +204,20 @@ class Renderer:
         place: NDArray[np.float32],
         rays: NDArray[np.float32],
         to_light: NDArray[np.float32],
-    ) -> None:
-        """Darken the floor around the places that the body's shadow can reach."""
+    ) -> Box:
+        """Darken the floor around the places that the body's shadow can reach; returns the box around them, pixels."""
         middle, contact_map = self._touch(points)
         low, high = self._bounds[2, 0] - 0.25, self._bounds[2, 1] + 0.25
         corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)
         seen = np.zeros_like(corners)
         self._project(corners, seen)
-        if (seen[:, 2] <= 0).any():  # a corner is behind the camera: the shadow may be anywhere
-            box = (0, 0, self.width, self.height)
-        else:
-            left, top, right, bottom = self._box(seen)
-            box = left // self.samples, top // self.samples, right // self.samples, bottom // self.samples
+        is_anywhere = bool((seen[:, 2] <= 0).any())  # a corner is behind the camera
+        box = (0, 0, self.width, self.height) if is_anywhere else self._pixels(self._box(seen))
         shading.floor_shadow(
             image, box, self.samples, place, rays, middle, to_light, self._shadow, self._contact, contact_map,
             self._strength,
         )  # fmt: skip
+        return box
 
     def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Fill the contact shadow; returns the body's middle on the floor, and the map from metres to cells."""
@@ -226,21 +234,26 @@ class Renderer:
 
     def _project(self, points: NDArray[np.float32], screen: NDArray[np.float32]) -> None:
         high, wide = self._grid
-        axes = self.camera.axes().astype(np.float32)
+        axes = self.camera.axes.astype(np.float32)
         place = np.array(self.camera.position, np.float32)
         raster.projected(points, place, axes, np.float32(self._focal), np.float32(wide), np.float32(high), screen)
 
-    def _box(self, screen: NDArray[np.float32]) -> tuple[int, int, int, int]:
+    def _box(self, screen: NDArray[np.float32]) -> Box:
         """The samples around the points, in whole pixels."""
         high, wide = self._grid
         left, top, right, bottom = raster.box_of(screen, wide, high)
         n = self.samples
         return left // n * n, top // n * n, -(-right // n) * n, -(-bottom // n) * n
 
+    def _pixels(self, samples: Box) -> Box:
+        """A box of samples as one of pixels."""
+        left, top, right, bottom = (side // self.samples for side in samples)
+        return left, top, right, bottom
+
     def _rays(self) -> NDArray[np.float32]:
         """The affine map from samples to ray directions: the corner's, and what a step to the right or down adds."""
         high, wide = self._grid
-        right, up, back = self.camera.axes()
+        right, up, back = self.camera.axes
         corner = -back - right * (wide / 2) / self._focal + up * (high / 2) / self._focal
         return np.stack([corner, right / self._focal, -up / self._focal]).astype(np.float32)
 

@@ -36,13 +36,12 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
     if corners == 0:
         return ZERO
     fu, fv = u - HALF - F(column), v - HALF - F(row)
-    total = ZERO
-    for dy in range(-1, 3):
-        wy = ONE - fv if dy < 0 else fv if dy > 1 else ONE
-        for dx in range(-1, 3):
-            wx = ONE - fu if dx < 0 else fu if dx > 1 else ONE
-            if shadow[row + dy, column + dx] <= height:
-                total += wx * wy
+    total = ZERO  # without branches: at a shadow's edge they would be guessed wrongly
+    for dy in range(4):
+        weight = ONE - fv if dy == 0 else fv if dy == 3 else ONE
+        r = row - 1 + dy
+        ends = (ONE - fu) * F(shadow[r, column - 1] <= height) + fu * F(shadow[r, column + 2] <= height)
+        total += weight * (ends + F(shadow[r, column] <= height) + F(shadow[r, column + 1] <= height))
     return total / F(9.0)
 
 
@@ -134,22 +133,25 @@ def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, co
     left, top, right, bottom = box
     cells = contact.shape[0]
     has_alpha = image.shape[2] == 4
+    along, past = rays[1, 0], rays[1, 2]  # a row of the picture is level: what it gains by a column has no height
     for row in range(top, bottom):
+        px, py = (F(left) + HALF) * F(samples), (F(row) + HALF) * F(samples)
+        dy = rays[0, 1] + rays[2, 1] * py
+        if dy > F(-1e-3):
+            continue
+        distance = -camera[1] / dy
+        x0 = camera[0] + (rays[0, 0] + along * px + rays[2, 0] * py) * distance
+        z0 = camera[2] + (rays[0, 2] + past * px + rays[2, 2] * py) * distance
+        across, away = along * F(samples) * distance, past * F(samples) * distance
         for column in range(left, right):
-            px, py = (F(column) + HALF) * F(samples), (F(row) + HALF) * F(samples)
-            dy = rays[0, 1] + rays[1, 1] * px + rays[2, 1] * py
-            if dy > F(-1e-3):
-                continue
-            distance = -camera[1] / dy
-            x = camera[0] + (rays[0, 0] + rays[1, 0] * px + rays[2, 0] * py) * distance
-            z = camera[2] + (rays[0, 2] + rays[1, 2] * px + rays[2, 2] * py) * distance
-            fading = ONE - ((x - middle[0]) ** 2 + (z - middle[1]) ** 2) / FADE_METRES**2
+            x, z = x0 + F(column - left) * across, z0 + F(column - left) * away
+            fading = ONE - ((x - middle[0]) ** 2 + (z - middle[1]) ** 2) * (ONE / FADE_METRES**2)
             if fading <= ZERO:
                 continue
             dark = strength[0] * (ONE - lit(x, ZERO, z, to_light, shadow, F(0.004))) * fading
             u, v = x * contact_map[0, 0] + contact_map[0, 1], z * contact_map[1, 0] + contact_map[1, 1]
-            i, j = int(math.floor(u)), int(math.floor(v))
-            if i >= 0 and j >= 0 and i < cells - 1 and j < cells - 1:
+            i, j = int(u), int(v)
+            if u >= ZERO and v >= ZERO and i < cells - 1 and j < cells - 1:
                 fu, fv = u - F(i), v - F(j)
                 upper = contact[j, i] * (ONE - fu) + contact[j, i + 1] * fu
                 lower = contact[j + 1, i] * (ONE - fu) + contact[j + 1, i + 1] * fu

@@ -7,6 +7,7 @@ from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from queue import SimpleQueue
+from typing import TypeVar
 
 import av
 import numpy as np
@@ -20,15 +21,22 @@ from echoavatar.whole_file import whole_file
 from .avatar_renderer import AvatarRenderer, Shot
 from .character import Character, checked_face, load_character
 from .framing import path as camera_path
+from .planes import to_planes
+from .render import Box
 
 __all__ = ["Shot", "film", "write_film"]
 
 SOUND_RATE_HZ = 48_000
 THREADS = 2  # renderers at once
+T = TypeVar("T")
 _CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus")}
 _OPTIONS: dict[str, dict[str, str]] = {
     # The preset's search costs a fifth more: no difference is seen, nor in the size of the file.
-    ".mp4": {"preset": "veryfast", "crf": "20", "x264-params": "me=dia:subme=1:b-adapt=0:weightp=0"},
+    ".mp4": {
+        "preset": "veryfast",
+        "crf": "20",
+        "x264-params": "me=dia:subme=1:b-adapt=0:weightp=0:weightb=0:scenecut=0",
+    },
     ".webm": {"deadline": "realtime", "cpu-used": "7", "row-mt": "1", "crf": "24", "b": "0"},
 }
 
@@ -54,7 +62,8 @@ def write_film(
     if shot.alpha and suffix != ".webm":
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames, len(character.face.names))
-    frames = film(motion, face=curves, character=character, shot=shot)
+    renderer = AvatarRenderer(character, shot)
+    frames = _drawn(renderer, motion, curves, _Converter(renderer.backdrop))
     with (
         whole_file(path, error=MotionError, failures=(av.error.FFmpegError,)) as partial,
         av.open(f"file:{partial}", "w", format=suffix[1:]) as container,
@@ -70,22 +79,31 @@ def film(
     shot: Shot | None = None,
 ) -> Generator[UInt8[np.ndarray, "h w c"], None, None]:
     """The pictures of a motion on the character's skeleton, frame by frame, drawn by two threads."""
-    shot, character = shot or Shot(), character or load_character()
-    first = AvatarRenderer(character, shot)
+    first = AvatarRenderer(character or load_character(), shot or Shot())
+    return _drawn(first, motion, face, lambda picture, _: picture)
+
+
+def _drawn(
+    first: AvatarRenderer,
+    motion: Motion,
+    face: Float[np.ndarray, "t n"] | None,
+    finished: Callable[[UInt8[np.ndarray, "h w c"], tuple[Box, ...]], T],
+) -> Generator[T, None, None]:
+    """`finished` of each frame's picture and of the boxes around what is drawn there, called in the drawing thread."""
     idle: SimpleQueue[AvatarRenderer] = SimpleQueue()
     for renderer in (first, *(first.twin() for _ in range(THREADS - 1))):
         idle.put(renderer)
     rotations, positions = motion.pose()
-    cameras = camera_path(shot.view, shot.size, character, rotations, positions, motion.fps)
+    cameras = camera_path(first.shot.view, first.shot.size, first.character, rotations, positions, motion.fps)
 
-    def drawn(frame: int) -> UInt8[np.ndarray, "h w c"]:
+    def drawn(frame: int) -> T:
         renderer = idle.get()
         weights = None if face is None else face[frame]
-        picture = renderer.draw(rotations[frame], positions[frame], weights, cameras[frame])
+        done = finished(renderer.draw(rotations[frame], positions[frame], weights, cameras[frame]), renderer.drawn)
         idle.put(renderer)
-        return picture
+        return done
 
-    waiting: deque[Future[UInt8[np.ndarray, "h w c"]]] = deque()
+    waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(THREADS) as threads:
         for frame in range(motion.frames):
             waiting.append(threads.submit(drawn, frame))
@@ -95,9 +113,35 @@ def film(
             yield waiting.popleft().result()
 
 
+class _Converter:
+    """Pictures as the encoder takes them, of which only the drawn part is converted anew; for several threads."""
+
+    def __init__(self, backdrop: UInt8[np.ndarray, "h w c"]) -> None:
+        high, wide, channels = backdrop.shape
+        self._empty = av.VideoFrame(wide, high, "yuva420p" if channels == 4 else "yuv420p")
+        _fill(self._empty, backdrop, (0, 0, wide, high))
+
+    def __call__(self, picture: UInt8[np.ndarray, "h w c"], boxes: tuple[Box, ...]) -> av.VideoFrame:
+        """The picture, which differs from the backdrop inside the boxes alone."""
+        frame = av.VideoFrame(self._empty.width, self._empty.height, self._empty.format.name)
+        for plane, empty in zip(frame.planes, self._empty.planes, strict=True):
+            plane.update(empty)
+        for left, top, right, bottom in boxes:
+            _fill(frame, picture, (left // 2 * 2, top // 2 * 2, -(-right // 2) * 2, -(-bottom // 2) * 2))
+        return frame
+
+
+def _fill(frame: av.VideoFrame, picture: UInt8[np.ndarray, "h w c"], box: Box) -> None:
+    planes = [np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size) for plane in frame.planes]
+    to_planes(picture, box, *planes[:3])
+    if len(planes) == 4:
+        left, top, right, bottom = box
+        planes[3][top:bottom, left:right] = picture[top:bottom, left:right, 3]
+
+
 def _encode(
     container: "av.container.OutputContainer",
-    frames: Generator[UInt8[np.ndarray, "h w c"], None, None],
+    frames: Generator[av.VideoFrame, None, None],
     motion: Motion,
     audio: Float[np.ndarray, " s"],
     shot: Shot,
@@ -114,8 +158,7 @@ def _encode(
     sound = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono")
     assert isinstance(sound, av.AudioStream)
     with closing(frames):
-        for index, picture in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgba" if shot.alpha else "rgb24")
+        for index, frame in enumerate(frames):
             frame.pts = index
             frame.time_base = 1 / rate
             container.mux(video.encode(frame))
