@@ -83,21 +83,27 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, package: Path, server: str) -> Iterator[str]:
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What lies there is a page of the site."""
+    return tmp_path_factory.mktemp("site")
+
+
+@pytest.fixture(scope="module")
+def site(pages: Path, package: Path, server: str) -> Iterator[str]:
     """The example pages with an avatar beside them; at /cdn what a CDN has; in /packed the pages with the tarball.
 
-    A route of the driver would not do, because the scripts of worklets are not routed.
+    A route of the driver would not do: scripts of worklets are not routed, and to Chromium a routed page is one of the
+    internet, which may not reach this machine.
     """
-    folder = tmp_path_factory.mktemp("site")
-    (folder / "packed").mkdir()
+    (pages / "packed").mkdir()
     for page in (ROOT / "docs/examples").glob("*.html"):
         text = page.read_text("utf-8").replace(CDN, "/cdn/")
-        (folder / page.name).write_text(text.replace(SERVER, server), "utf-8")
+        (pages / page.name).write_text(text.replace(SERVER, server), "utf-8")
         packed = re.sub(r'"@echoavatar/client.*?" \}', PACKED, text, count=1, flags=re.DOTALL)
         assert packed != text
-        (folder / "packed" / page.name).write_text(packed, "utf-8")
-    (folder / "avatar.glb").write_bytes(pack_glb(load_character(), []))
-    shutil.copy(folder / "avatar.glb", folder / "packed")
+        (pages / "packed" / page.name).write_text(packed, "utf-8")
+    (pages / "avatar.glb").write_bytes(pack_glb(load_character(), []))
+    shutil.copy(pages / "avatar.glb", pages / "packed")
 
     class Handler(http.server.SimpleHTTPRequestHandler):
         extensions_map = http.server.SimpleHTTPRequestHandler.extensions_map | {".mjs": "text/javascript"}
@@ -122,7 +128,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, package: Path, server: str) -
         def log_message(self, *_: object) -> None:
             pass
 
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(folder)))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(pages)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}"
     server.shutdown()
@@ -246,7 +252,7 @@ createRoot(document.getElementById("stage")).render(h(App));
 
 
 def test_the_react_wrapper_passes_props_and_events_on(
-    package: Path, new_page: Callable[..., PageDriver], server: str, site: str, tmp_path: Path
+    package: Path, pages: Path, new_page: Callable[..., PageDriver], server: str, site: str, tmp_path: Path
 ) -> None:
     """Bundled from the tarball as an application would."""
     (tmp_path / "app.js").write_text(APP)
@@ -257,17 +263,10 @@ def test_the_react_wrapper_passes_props_and_events_on(
         words, cwd=tmp_path, env={**os.environ, "NODE_PATH": str(MODULES)}, capture_output=True, text=True
     )
     assert bundled.returncode == 0, bundled.stderr
+    body = "<link rel=icon href=data:,><div id=stage></div><script type=module src=react.js></script>"
+    (pages / "react.html").write_text(body)
+    (pages / "react.js").write_text(bundled.stdout)
     driver = new_page(640, 480)
-    driver.page.route(
-        f"{site}/react.html**",
-        lambda route: route.fulfill(
-            content_type="text/html",
-            body="<link rel=icon href=data:,><div id=stage></div><script type=module src=react.js></script>",
-        ),
-    )
-    driver.page.route(
-        f"{site}/react.js", lambda route: route.fulfill(content_type="text/javascript", body=bundled.stdout)
-    )
     driver.page.goto(f"{site}/react.html?server={server}")
     driver.wait("window.told?.some(([name]) => name === 'ready')", 120)
     assert driver.ask("[isElement(), element.className, element.muted, element.view]") == [True, "mine", True, "full"]

@@ -54,7 +54,7 @@ export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void 
   menu.replaceChildren(...choices.flatMap((choice) => [heading(choice), entry(choice, close)].filter((part) => part !== null)));
   menu.hidden = false;
   place(menu, anchor);
-  menu.querySelector("button")?.focus({ preventScroll: true });
+  (menu.querySelector<HTMLElement>("[aria-checked=true]") ?? menu.querySelector("button"))?.focus({ preventScroll: true });
   document.addEventListener("pointerdown", outside, true);
   document.addEventListener("keydown", keys, true);
 }
