@@ -28,7 +28,7 @@ import numpy as np
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.manner import TOLD
-from echoavatar.motion import homecoming, idle_motion
+from echoavatar.motion import feeling, gaze, homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.stillness import WHOLE
@@ -361,8 +361,9 @@ def load(
         return pipeline
 
     pipeline = build()
-    homecoming.warm_up(pipeline.skeleton)
-    idle_motion.warm_up(pipeline.skeleton)
+    for part in (homecoming, idle_motion, gaze):
+        part.warm_up(pipeline.skeleton)
+    feeling.warm_up()
     give_back()  # 190 MB
     return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)
 

@@ -111,6 +111,11 @@ class Feeling:
         return shown
 
 
+def warm_up() -> None:
+    """Compile the loop; a machine does so once."""
+    Feeling().hear(0, np.zeros(SAMPLES_PER_FRAME, np.float32))
+
+
 def _loudest(before: float, level: float) -> float:
     """The loudest of the last seconds, dB, with one more hop of this level."""
     return max(before - _FORGETS_DB, level, FAINTEST_DB + QUIET_DB)
