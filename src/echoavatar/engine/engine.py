@@ -329,8 +329,9 @@ class Engine:
         pairs = list(zip(self._state.arrays(), state.arrays(), strict=True))
         if self._rewind:
             undoing = [changes(pairs, session.seat, row) for session, row in zip(ready, rows, strict=True)]
+        where = slice(seats[0], seats[0] + 1) if count == 1 else seats  # a slice is faster
         for whole, part in pairs:
-            whole[seats] = part
+            whole[where] = part
         for row, session, patches in zip(rows, ready, undoing, strict=True):
             with suppress(Exception):  # the session notes it as its error
                 session.end_chunk(chunks[row], patches)
