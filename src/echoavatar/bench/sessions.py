@@ -69,6 +69,7 @@ def summary(loads: list[Load]) -> dict[str, object]:
     """The report as one JSON object."""
     served = [load.admitted for load in loads if load.in_real_time]
     return {
+        "admitted": max((load.admitted for load in loads), default=0),
         "sessions_in_real_time": max(served, default=0),
         "threads": threads(),
         "loads": [load._asdict() for load in loads],

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     many.add_argument(
         "--counts", type=_counts, default="1,2,4,6,8,10,12,16", help="numbers of sessions to try (default: %(default)s)"
     )
-    many.add_argument("--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)")
+    many.add_argument("--seconds", type=float, default=8.0, help="length of each session (default: %(default)s)")
     many.add_argument("--neighbours", action="store_true", help="also beside a session that floods, stalls or vanishes")
 
     proxy = kinds.add_parser(

@@ -28,7 +28,7 @@ import numpy as np
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.manner import TOLD
-from echoavatar.motion import homecoming, idle_motion
+from echoavatar.motion import feeling, gaze, homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.stillness import WHOLE
@@ -329,8 +329,9 @@ class Engine:
         pairs = list(zip(self._state.arrays(), state.arrays(), strict=True))
         if self._rewind:
             undoing = [changes(pairs, session.seat, row) for session, row in zip(ready, rows, strict=True)]
+        where = slice(seats[0], seats[0] + 1) if count == 1 else seats  # a slice is faster
         for whole, part in pairs:
-            whole[seats] = part
+            whole[where] = part
         for row, session, patches in zip(rows, ready, undoing, strict=True):
             with suppress(Exception):  # the session notes it as its error
                 session.end_chunk(chunks[row], patches)
@@ -361,8 +362,9 @@ def load(
         return pipeline
 
     pipeline = build()
-    homecoming.warm_up(pipeline.skeleton)
-    idle_motion.warm_up(pipeline.skeleton)
+    for part in (homecoming, idle_motion, gaze):
+        part.warm_up(pipeline.skeleton)
+    feeling.warm_up()
     give_back()  # 190 MB
     return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)
 

@@ -6,14 +6,14 @@ So the same session gives the same motion in one big push, in many small ones, a
 import numpy as np
 from jaxtyping import Float, Int, UInt
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 def mix(x: UInt[np.ndarray, "..."]) -> UInt[np.ndarray, "..."]:
     """SplitMix64's finaliser, wrapping; every output bit depends on every input bit."""
-    x = (x ^ (x >> np.uint64(30))) * _FIRST
-    x = (x ^ (x >> np.uint64(27))) * _SECOND
+    x = (x ^ (x >> np.uint64(30))) * FIRST
+    x = (x ^ (x >> np.uint64(27))) * SECOND
     return np.asarray(x ^ (x >> np.uint64(31)))
 
 
@@ -22,5 +22,5 @@ def uniform_noise(
 ) -> Float[np.ndarray, "b n K"]:
     """Uniform numbers in (0, 1), double precision, for positions `start` .. `start` + `count` - 1 of each row."""
     counter = start[:, None] * codes + np.arange(1, count * codes + 1)
-    word = mix(mix(seeds.astype(np.uint64) + _GOLDEN)[:, None] + counter.astype(np.uint64) * _GOLDEN)
+    word = mix(mix(seeds.astype(np.uint64) + GOLDEN)[:, None] + counter.astype(np.uint64) * GOLDEN)
     return ((word >> np.uint64(11)) + 0.5).reshape(len(seeds), count, codes) * 2.0**-53

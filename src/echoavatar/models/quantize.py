@@ -63,4 +63,6 @@ class ResidualVectorQuantizer(nn.Module):
         books = self.books()
         if codes.shape[-1] > len(books):
             raise ValueError(f"{codes.shape[-1]} layers of codes for a quantizer of {len(books)}")
-        return torch.stack([book.lookup(codes[..., q]) for q, book in enumerate(books[: codes.shape[-1]])]).sum(0)
+        sent, known = (codes >= 0).movedim(-1, 0).unsqueeze(-1), codes.clamp_min(0).unbind(-1)
+        found = [F.embedding(each, book.codebook) for each, book in zip(known, books, strict=False)]
+        return (torch.stack(found) * sent).sum(0)

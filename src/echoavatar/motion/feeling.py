@@ -7,11 +7,14 @@ feeling shows as far as it is surer than every other, so a voice that may be hap
 depends on the sound up to its end alone, whatever the chunks, and a session that goes back hears the same again.
 """
 
+import math
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.nn.kernels import kernel
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 from .motion_chunk import KEPT
@@ -26,7 +29,8 @@ LAYER = {  # statistic: mean of many voices, deviation, weights for neutral, hap
     "brightness": (-14.4, 4.11, -0.542, 0.0334, 0.168, 0.34),  # dB, middle bands over low ones
 }
 BIAS = (1.29, -0.203, -0.591, -0.497)
-_MEAN, _DEVIATION, *_WEIGHTS = np.array(list(LAYER.values())).T
+_MEAN, _DEVIATION, *_ROWS = np.array(list(LAYER.values())).T.copy()
+_WEIGHTS = np.array(_ROWS)  # (4, 6)
 
 MEMORY_S = 3.0  # of speech, in which its statistics fade to a third
 SILENT_S = 0.4  # of silence, in which they do: a new phrase is heard afresh
@@ -51,7 +55,7 @@ _HANN = np.hanning(_WINDOW)
 _TAPER = np.correlate(_HANN, _HANN, "full")[_WINDOW - 1 :][:_LAST]  # how the window itself fades with the lag
 _EDGES_HZ = 700 * (np.geomspace(1 + 80 / 700, 1 + 7500 / 700, 27) - 1)  # recordings at 16 kHz have as much
 _EDGES = np.round(_EDGES_HZ * _FFT / SAMPLE_RATE_HZ).astype(int)
-_LOW, _MIDDLE = slice(2, 8), slice(10, 16)  # 235 to 909 Hz; 1.2 to 2.6 kHz
+_LOW, _MIDDLE = (2, 8), (10, 16)  # 235 to 909 Hz; 1.2 to 2.6 kHz
 
 
 class Memory(NamedTuple):
@@ -59,7 +63,7 @@ class Memory(NamedTuple):
 
     sound: Float[np.ndarray, " s"] = np.zeros(_WINDOW - _HOP)  # the last samples
     bands: Float[np.ndarray, " b"] = np.zeros(len(_EDGES) - 1)  # dB, of the last hop
-    sums: Float[np.ndarray, " 11"] = np.zeros(11)  # fading, see `_heard`
+    sums: Float[np.ndarray, " 11"] = np.zeros(11)  # fading, see `_follow`
     loudest: float = FAINTEST_DB + QUIET_DB  # dB, of the last seconds
     pitch: float = 0.0  # semitones, of the hop before; 0: it was not voiced
     usual: Float[np.ndarray, " 6"] = _MEAN  # the speaker's mean statistics
@@ -77,87 +81,149 @@ class Feeling:
     def hear(self, chunk: int, speech: Float[np.ndarray, " s"]) -> Float[np.ndarray, "t 3"]:
         """How far each of `FEELINGS` shows in the frames of a chunk, 0 to 1; `speech` is its sound, 24 kHz."""
         before = self.memories.get(chunk - 1) or Memory()
+        frames = len(speech) // SAMPLES_PER_FRAME
         sound = np.concatenate([before.sound, speech]).astype(np.float64)
-        now, path = before._replace(sound=sound[len(speech) :]), []
-        for frame in range(len(speech) // SAMPLES_PER_FRAME):
-            for end in _WINDOW + frame * SAMPLES_PER_FRAME + np.array([0, _HOP]):
-                now = _heard(now, sound[end - _HOP : end], sound[end - _WINDOW : end])
-            now = now._replace(shown=_towards(now.shown, wanted(now.sums, now.usual)))
-            path.append(now.shown)
-        self.memories[chunk] = now
+        windows = np.lib.stride_tricks.sliding_window_view(sound, _WINDOW)[::_HOP][: 2 * frames]
+        levels = 10 * np.log10(np.square(windows[:, -_HOP:]).mean(1) + 1e-12)
+        loudest = list(accumulate(levels.tolist(), _loudest, initial=before.loudest))[1:]
+        is_loud, shown = levels >= np.array(loudest) - QUIET_DB, np.zeros((frames, len(FEELINGS)))
+        bands, sums, usual = (part.copy() for part in (before.bands, before.sums, before.usual))
+        rest = np.array([before.pitch, before.known_s, *before.shown])
+        power = np.zeros((2 * frames, _FFT // 2 + 1))
+        power[is_loud] = np.square(np.abs(np.fft.rfft(windows[is_loud] * _HANN, _FFT)))
+        same = np.fft.irfft(power)[:, :_LAST] / _TAPER  # the correlation with the sound so many samples before
+        fits = np.ascontiguousarray(same[:, _FIRST:] / np.maximum(same[:, :1], 1e-12))
+        floor = 10 ** (np.array(loudest)[:, None] / 10 - 7) * _TAPER[0]
+        found = 10 * np.log10(np.add.reduceat(power, _EDGES, axis=1)[:, :-1] / np.diff(_EDGES) + floor)
+        _follow(is_loud, found, fits, bands, sums, usual, rest, shown)
+        pitch, known_s = rest[:2].tolist()
+        self.memories[chunk] = Memory(
+            sound[len(speech) :],
+            bands,
+            sums,
+            loudest[-1] if loudest else before.loudest,
+            pitch,
+            usual,
+            known_s,
+            rest[2:],
+        )
         self.memories.pop(chunk - KEPT, None)
-        return np.array(path)
+        return shown
 
 
-def _heard(memory: Memory, hop: Float[np.ndarray, " s"], window: Float[np.ndarray, " w"]) -> Memory:
-    """The memory with one more hop of sound, the last of a window."""
-    level = float(10 * np.log10(np.mean(np.square(hop)) + 1e-12))
-    loudest = max(memory.loudest - _FORGETS_DB, level, FAINTEST_DB + QUIET_DB)
-    if level < loudest - QUIET_DB:
-        faded = memory.sums * np.exp(-1 / (SILENT_S * _RATE))
-        return memory._replace(sums=faded, loudest=loudest, pitch=0.0)
-    power = np.square(np.abs(np.fft.rfft(window * _HANN, _FFT)))
-    floor = 10 ** (loudest / 10 - 7) * _TAPER[0]
-    bands = 10 * np.log10(np.add.reduceat(power, _EDGES)[:-1] / np.diff(_EDGES) + floor)
-    center = memory.sums[6] / memory.sums[2] if memory.sums[2] > 1 else 0.0
-    clarity, pitch = _pitch(power, center)
-    voiced, clear = clarity > _VOICED, clarity > _CLEAR
-    off, leap = abs(pitch - center), abs(pitch - memory.pitch)
-    inlying, smooth = clear and center > 0 and off < _OUTLIER, voiced and memory.pitch > 0 and leap < _LEAP
-    flux = np.minimum(np.abs(bands - memory.bands), 20).mean()
-    brightness = bands[_MIDDLE].mean() - bands[_LOW].mean()
-    counts = (1, voiced, clear, inlying, smooth)
-    added = (flux, clear * pitch, inlying * off, smooth * leap, voiced * clarity, voiced * brightness)
-    sums = memory.sums * np.exp(-1 / (MEMORY_S * _RATE)) + np.array([*counts, *added])
-    usual, known = memory.usual, memory.known_s
-    if sums[2] > LEAST_HOPS:
-        known = min(known + 1 / _RATE, MOST_KNOWN_S)
-        usual = usual + (statistics(sums) - usual) / (known * _RATE)
-    return memory._replace(
-        bands=bands, sums=sums, loudest=loudest, pitch=pitch if voiced else 0.0, usual=usual, known_s=known
-    )
+def warm_up() -> None:
+    """Compile the loop; a machine does so once."""
+    Feeling().hear(0, np.zeros(SAMPLES_PER_FRAME, np.float32))
 
 
-def _pitch(power: Float[np.ndarray, " f"], center: float) -> tuple[float, float]:
-    """The correlation with the sound a period before, and the pitch of that period, semitones over 1 Hz.
+def _loudest(before: float, level: float) -> float:
+    """The loudest of the last seconds, dB, with one more hop of this level."""
+    return max(before - _FORGETS_DB, level, FAINTEST_DB + QUIET_DB)
+
+
+@kernel()
+def _pitch(fits, center):  # type: ignore[no-untyped-def]
+    """The place of the best period among the correlations with the sound a period before.
 
     Of the periods that fit, a short one is taken, and one near the voice's mean pitch; 0 where that is unknown.
     """
-    same = np.fft.irfft(power)[:_LAST] / _TAPER
-    fits = (same / max(same[0], 1e-12))[_FIRST:]
-    is_peak = np.zeros(len(fits), bool)
-    is_peak[1:-1] = (fits[1:-1] >= fits[:-2]) & (fits[1:-1] >= fits[2:])
-    appeal = np.where(is_peak, fits, -1) + _SHORTER * _SEMITONES
-    at = int(np.argmax(appeal - _NEARER * np.abs(_SEMITONES - center) * (center > 0)))
-    return float(fits[at]), float(_SEMITONES[at])
+    best, most = 0, -np.inf
+    for at in range(len(fits)):
+        is_peak = 0 < at < len(fits) - 1 and fits[at] >= fits[at - 1] and fits[at] >= fits[at + 1]
+        appeal = (fits[at] if is_peak else -1.0) + _SHORTER * _SEMITONES[at]
+        if center > 0:
+            appeal -= _NEARER * abs(_SEMITONES[at] - center)
+        if appeal > most:
+            best, most = at, appeal
+    return best
 
 
-def statistics(sums: Float[np.ndarray, " 11"]) -> Float[np.ndarray, " 6"]:
-    """What the layer reads, in the order of `LAYER`."""
-    speech, voiced, clear, inlying, smooth = np.maximum(sums[:5], 1e-6)
-    flux, pitch, off, leap, clarity, brightness = sums[5:]
-    return np.array([pitch / clear, off / inlying, leap / smooth, clarity / voiced, flux / speech, brightness / voiced])
-
-
-def difference(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 6"]:
-    """How the last seconds differ from the speaker's mean, in deviations."""
-    found: Float[np.ndarray, " 6"] = np.clip((statistics(sums) - usual) / _DEVIATION, -FARTHEST, FARTHEST)
+@kernel()
+def statistics(sums):  # type: ignore[no-untyped-def]
+    """What the layer reads (6), in the order of `LAYER`, from the fading sums (11)."""
+    found = np.empty(6)
+    found[0], found[1] = sums[6] / max(sums[2], 1e-6), sums[7] / max(sums[3], 1e-6)
+    found[2], found[3] = sums[8] / max(sums[4], 1e-6), sums[9] / max(sums[1], 1e-6)
+    found[4], found[5] = sums[5] / max(sums[0], 1e-6), sums[10] / max(sums[1], 1e-6)
     return found
 
 
-def wanted(sums: Float[np.ndarray, " 11"], usual: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
-    """How far each feeling is heard, 0 to 1; at most one is above 0."""
+@kernel()
+def _wanted(sums, usual, goal):  # type: ignore[no-untyped-def]
+    """Fill `goal` (3) with how far each feeling is heard, 0 to 1; at most one is above 0."""
+    goal[:] = 0.0
     if sums[2] <= LEAST_HOPS:
-        return np.zeros(len(FEELINGS))
-    scores = np.exp(np.array(BIAS) + np.array(_WEIGHTS) @ difference(sums, usual))
-    shares = scores / scores.sum()
-    surer = np.array([share - np.delete(shares, at).max() for at, share in enumerate(shares)])[1:]
-    shown: Float[np.ndarray, " 3"] = np.clip((surer - LEAST) / (FULL - LEAST), 0, 1)
-    return shown * min(1.0, float(sums[0]) / (SURE_S * _RATE))
+        return
+    found, shares, total = statistics(sums), np.empty(len(BIAS)), 0.0
+    for kind in range(len(BIAS)):
+        score = BIAS[kind]
+        for i in range(len(found)):  # how the last seconds differ from the speaker's mean, in deviations
+            score += _WEIGHTS[kind, i] * min(max((found[i] - usual[i]) / _DEVIATION[i], -FARTHEST), FARTHEST)
+        shares[kind] = math.exp(score)
+        total += shares[kind]
+    for kind in range(1, len(BIAS)):
+        others = 0.0
+        for other in range(len(BIAS)):
+            if other != kind:
+                others = max(others, shares[other])
+        surer = (shares[kind] - others) / total
+        share = min(max((surer - LEAST) / (FULL - LEAST), 0.0), 1.0)
+        goal[kind - 1] = share * min(1.0, sums[0] / (SURE_S * _RATE))
 
 
-def _towards(old: Float[np.ndarray, " 3"], goal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """A frame later, as far towards the goal as feelings come and go."""
-    step = np.clip(goal - old, -1 / (FALL_S * FRAME_RATE_HZ), 1 / (RISE_S * FRAME_RATE_HZ))
-    now: Float[np.ndarray, " 3"] = old + step
-    return now
+@kernel()
+def _follow(is_loud, bands, fits, before, sums, usual, rest, shown):  # type: ignore[no-untyped-def]
+    """Hear the hops of a chunk, two a frame, and fill `shown` (t, 3).
+
+    `bands` (2 t, b) are their spectra, dB, and `fits` (2 t, l) their correlations with the sound a period before.
+    The memory is written in place: the bands `before` (b), `sums` (11), `usual` (6), and of the `rest` (5) the pitch,
+    `known_s` and the feelings shown.
+    """
+    goal = np.empty(shown.shape[1])
+    for hop in range(len(is_loud)):
+        fade = math.exp(-1 / ((MEMORY_S if is_loud[hop] else SILENT_S) * _RATE))
+        center = sums[6] / sums[2] if sums[2] > 1 else 0.0
+        for i in range(len(sums)):
+            sums[i] *= fade
+        if is_loud[hop]:
+            place = _pitch(fits[hop], center)
+            clarity, pitch = fits[hop, place], _SEMITONES[place]
+            voiced, clear = clarity > _VOICED, clarity > _CLEAR
+            off, leap = abs(pitch - center), abs(pitch - rest[0])
+            flux = low = middle = 0.0
+            for i in range(len(before)):
+                flux += min(abs(bands[hop, i] - before[i]), 20.0) / len(before)
+                before[i] = bands[hop, i]
+            for i in range(_LOW[0], _LOW[1]):
+                low += bands[hop, i] / (_LOW[1] - _LOW[0])
+            for i in range(_MIDDLE[0], _MIDDLE[1]):
+                middle += bands[hop, i] / (_MIDDLE[1] - _MIDDLE[0])
+            sums[0] += 1.0
+            sums[5] += flux
+            if voiced:
+                sums[1] += 1.0
+                sums[9] += clarity
+                sums[10] += middle - low
+            if clear:
+                sums[2] += 1.0
+                sums[6] += pitch
+            if clear and center > 0 and off < _OUTLIER:
+                sums[3] += 1.0
+                sums[7] += off
+            if voiced and rest[0] > 0 and leap < _LEAP:
+                sums[4] += 1.0
+                sums[8] += leap
+            if sums[2] > LEAST_HOPS:
+                rest[1] = min(rest[1] + 1 / _RATE, MOST_KNOWN_S)
+                found = statistics(sums)
+                for i in range(len(usual)):
+                    usual[i] += (found[i] - usual[i]) / (rest[1] * _RATE)
+            rest[0] = pitch if voiced else 0.0
+        else:
+            rest[0] = 0.0
+        if hop % 2:
+            _wanted(sums, usual, goal)
+            for i in range(len(goal)):  # feelings come and go slowly
+                step = goal[i] - rest[2 + i]
+                rest[2 + i] += min(max(step, -1 / (FALL_S * FRAME_RATE_HZ)), 1 / (RISE_S * FRAME_RATE_HZ))
+                shown[hop // 2, i] = rest[2 + i]

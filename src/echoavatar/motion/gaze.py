@@ -14,15 +14,27 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
-from .kinematics.rotations import length, matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
+from .kinematics.quaternions import (
+    IDENTITY,
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    normalized,
+    read_quaternion,
+    rotate,
+    rotate_back,
+    times,
+    write_quaternion,
+)
 from .motion_chunk import KEPT, ChunkFade, MotionChunk
 
 CONTACT = 0.5  # the share of the time in which a speaker's eyes meet the viewer, unless a session asks for another
@@ -52,9 +64,17 @@ FAINTEST_DB = -60.0  # so is fainter sound
 _FORGETS_DB = 0.15  # per frame: the loudest of the last seconds fades
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
-_EYES = [[ARKIT_NAMES.index(f"eyeLook{way}{side}") for side in ("Left", "Right")] for way in ("Up", "Down")]
-_LEFTWARDS = [ARKIT_NAMES.index(name) for name in ("eyeLookOutLeft", "eyeLookInRight")]
-_RIGHTWARDS = [ARKIT_NAMES.index(name) for name in ("eyeLookInLeft", "eyeLookOutRight")]
+_LOOKS = np.array(  # columns of both eyes: to the left, to the right, up, down
+    [
+        [ARKIT_NAMES.index(name) for name in names]
+        for names in (
+            ("eyeLookOutLeft", "eyeLookInRight"),
+            ("eyeLookInLeft", "eyeLookOutRight"),
+            ("eyeLookUpLeft", "eyeLookUpRight"),
+            ("eyeLookDownLeft", "eyeLookDownRight"),
+        )
+    ]
+)
 
 
 class _Place(NamedTuple):
@@ -117,7 +137,8 @@ class Gaze:
         place, path = self._places.get(chunk - 1, _Place()), []
         for frame, level in enumerate(10 * np.log10(power + 1e-12), chunk * frames):
             place = self._next(frame, float(level), place)
-            path.append(np.array(place.old) + (np.array(place.new) - place.old) * min(1, place.since / SACCADE))
+            there = min(1, place.since / SACCADE)
+            path.append([old + (new - old) * there for old, new in zip(place.old, place.new, strict=True)])
         self._places[chunk] = place
         self._places.pop(chunk - KEPT, None)
         return np.array(path, np.float32)
@@ -166,17 +187,8 @@ def turn_head(
     """
     if not (shares.any() or helps.any()) or not _has_neck(skeleton):
         return motion
-    below, neck, head = _chain(motion, skeleton)
-    rotation = _to_viewer(head)
-    angle = np.maximum(length(rotation)[:, 0], 1e-6)
-    largest = FARTHEST * np.clip((BEHIND - angle) / (BEHIND - WELCOME), 0, 1) / angle
-    beyond = helps * np.minimum(HELPS * np.maximum(1 - EYES_ALONE / angle, 0), largest)
-    rotation = rotation * np.maximum(shares * np.minimum(largest, HEAD_SHARE), beyond)[:, None]
-    both = np.stack([NECK_SHARE * rotation, rotation], 1)
-    new = matrix_from_axis_angle(both) @ np.stack([neck, head], 1)
-    parents = np.stack([below, new[:, 0]], 1)
-    rotations = motion.rotations.copy()
-    rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new)
+    rotations = motion.rotations.astype(np.float32)
+    _turn_head(rotations, _chain(skeleton), shares.astype(np.float32), helps.astype(np.float32))
     return motion._replace(rotations=rotations)
 
 
@@ -186,35 +198,84 @@ def turn_eyes(
     """Turn the eyes to the viewer, or beside (`glances`), from where the head faces, within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
-    viewer = _chain(motion, skeleton)[2][:, 2].T  # the direction of the world's +Z in the head's axes
-    is_ahead = np.clip((BEHIND - np.arccos(np.clip(viewer[2], -1, 1))) / (BEHIND - WELCOME), 0, 1)
-    left, up = glances.T
-    yaw = np.clip((np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) + left) / LOOK, -1, 1) * is_ahead
-    pitch = np.clip((np.arcsin(np.clip(viewer[1], -1, 1)) + up) / LOOK, -1, 1) * is_ahead
-    face, own = motion.face.copy(), (1 - (1 - GLANCES) * shares)[:, None]
-    for columns, value in ((_LEFTWARDS, yaw), (_RIGHTWARDS, -yaw), (_EYES[0], pitch), (_EYES[1], -pitch)):
-        face[:, columns] = np.clip(face[:, columns] * own + (shares * np.maximum(value, 0))[:, None], 0, 1)
+    face = motion.face.astype(np.float32)
+    rotations, shares = motion.rotations.astype(np.float32), shares.astype(np.float32)
+    _turn_eyes(face, rotations, _chain(skeleton), shares, glances.astype(np.float32))
     return motion._replace(face=face)
+
+
+def warm_up(skeleton: Skeleton) -> None:
+    """Compile the loops; a machine does so once."""
+    still, shares = np.zeros((1, skeleton.joints, 4), np.float32), np.ones(1, np.float32)
+    motion = MotionChunk(still, np.zeros((1, 3), np.float32), np.zeros((1, len(ARKIT_NAMES)), np.float32))
+    turn_eyes(turn_head(motion, shares, shares, skeleton), shares, np.zeros((1, 2), np.float32), skeleton)
 
 
 def _has_neck(skeleton: Skeleton) -> bool:
     return {"neck", "head"} <= set(skeleton.names)
 
 
-def _chain(
-    motion: MotionChunk, skeleton: Skeleton
-) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"]]:
-    """World rotations of the neck's parent, the neck and the head; only the spine is multiplied out."""
-    joints = skeleton.indices([name for name in _CHAIN if name in skeleton.names])
-    world = [np.tile(np.eye(3, dtype=np.float32), (len(motion.rotations), 1, 1))]
-    for local in matrix_from_quaternion(motion.rotations[:, joints].astype(np.float32)).swapaxes(0, 1):
-        world.append(world[-1] @ local)
-    return world[-3], world[-2], world[-1]
+def _chain(skeleton: Skeleton) -> Int[np.ndarray, " n"]:
+    """The joints from the root to the head."""
+    return np.array(skeleton.indices([name for name in _CHAIN if name in skeleton.names]))
 
 
-def _to_viewer(world: Float[np.ndarray, "t 3 3"]) -> Float[np.ndarray, "t 3"]:
-    """The rotation vector, in world axes, that takes each frame's own +Z to the world's +Z."""
-    x, y, z = world[:, :, 2].T
-    axis, sine = np.stack([y, -x, 0 * x], -1), np.hypot(x, y)  # (x, y, z) x (0, 0, 1)
-    vector: np.ndarray = axis * (np.arctan2(sine, z) / np.maximum(sine, 1e-6))[:, None]
-    return vector
+@kernel()
+def _world(local, chain, count):  # type: ignore[no-untyped-def]
+    """The rotation of the joint that the first `count` ones of a chain lead to, from those of a frame (j, 4)."""
+    world = IDENTITY
+    for joint in chain[:count]:
+        world = multiply(world, normalized(read_quaternion(local[joint])))
+    return world
+
+
+@kernel()
+def _welcome(angle):  # type: ignore[no-untyped-def]
+    """How willingly the avatar looks at a viewer at this angle, 0 to 1."""
+    return min(max((BEHIND - angle) / (BEHIND - WELCOME), 0.0), 1.0)
+
+
+@kernel()
+def _write(out, rotation):  # type: ignore[no-untyped-def]
+    """Write it with w >= 0."""
+    w, x, y, z = normalized(rotation)
+    write_quaternion(out, (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z))
+
+
+@kernel()
+def _turn_head(rotations, chain, shares, helps):  # type: ignore[no-untyped-def]
+    """`turn_head` in place, for rotations (t, j, 4)."""
+    for frame in range(len(rotations)):
+        local = rotations[frame]
+        below, neck = _world(local, chain, len(chain) - 2), _world(local, chain, len(chain) - 1)
+        head = _world(local, chain, len(chain))
+        x, y, z = rotate(head, (0.0, 0.0, 1.0))
+        sine = math.hypot(x, y)
+        angle = max(math.atan2(sine, z) if sine > 0 else 0.0, 1e-6)
+        largest = FARTHEST * _welcome(angle) / angle
+        beyond = helps[frame] * min(HELPS * max(1.0 - EYES_ALONE / angle, 0.0), largest)
+        share = max(shares[frame] * min(largest, HEAD_SHARE), beyond) * angle / max(sine, 1e-6)
+        whole = (y * share, -x * share, 0.0)  # about (x, y, z) x (0, 0, 1), from its own +Z to the world's
+        neck = multiply(from_rotation_vector(times(whole, NECK_SHARE)), neck)
+        head = multiply(from_rotation_vector(whole), head)
+        _write(local[chain[-2]], multiply(conjugate(below), neck))
+        _write(local[chain[-1]], multiply(conjugate(neck), head))
+
+
+@kernel()
+def _turn_eyes(face, rotations, chain, shares, glances):  # type: ignore[no-untyped-def]
+    """`turn_eyes` in place, for curves (t, 52)."""
+    for frame in range(len(face)):
+        if shares[frame] == 0.0:
+            continue
+        x, y, z = rotate_back(_world(rotations[frame], chain, len(chain)), (0.0, 0.0, 1.0))  # the viewer
+        is_ahead = _welcome(math.acos(min(max(z, -1.0), 1.0)))
+        yaw = (math.atan2(x, max(z, 1e-6)) + glances[frame, 0]) / LOOK
+        pitch = (math.asin(min(max(y, -1.0), 1.0)) + glances[frame, 1]) / LOOK
+        for side in range(2):
+            for way in range(4):
+                wanted = (yaw, -yaw, pitch, -pitch)[way]
+                wanted = min(max(wanted, -1.0), 1.0) * is_ahead
+                column = _LOOKS[way, side]
+                curve = face[frame, column] * (1.0 - (1.0 - GLANCES) * shares[frame]) + shares[frame] * max(wanted, 0.0)
+                face[frame, column] = min(max(curve, 0.0), 1.0)

@@ -25,6 +25,9 @@ class StreamingModule(nn.Module, ABC, Generic[StateT]):
 
 
 def write_rows(target: Tensor, value: Tensor, active: Bool[Tensor, " b"]) -> None:
-    """Copy `value` into `target` in place, in the active rows only."""
+    """Copy `value` into `target` in place, in the active rows only; in a graph that is exported, all are active."""
+    if torch.compiler.is_exporting():
+        target.copy_(value)
+        return
     where = active.view(-1, *([1] * (target.dim() - 1)))
     target.copy_(torch.where(where, value, target))

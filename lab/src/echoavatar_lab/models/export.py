@@ -28,7 +28,7 @@ from echoavatar.whole_file import write_whole
 from echoavatar_lab.models.face.encoder import MelEncoder
 from echoavatar_lab.models.face.model import FaceModel
 
-OPSET = 20
+OPSET = 23  # has attention as one operation
 ROWS = 2  # of the examples that are traced; a graph takes any number
 TOLERANCE = 1e-4  # between a graph and its module
 _STORED = {"F32": "FLOAT", "F16": "FLOAT16"}

@@ -7,7 +7,7 @@ from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import av
 import numpy as np
@@ -124,15 +124,21 @@ class _Converter:
     def __call__(self, picture: UInt8[np.ndarray, "h w c"], boxes: tuple[Box, ...]) -> av.VideoFrame:
         """The picture, which differs from the backdrop inside the boxes alone."""
         frame = av.VideoFrame(self._empty.width, self._empty.height, self._empty.format.name)
-        for plane, empty in zip(frame.planes, self._empty.planes, strict=True):
-            plane.update(empty)
+        for plane, empty in zip(_planes(frame), _planes(self._empty), strict=True):
+            plane[:] = empty
         for left, top, right, bottom in boxes:
             _fill(frame, picture, (left // 2 * 2, top // 2 * 2, -(-right // 2) * 2, -(-bottom // 2) * 2))
         return frame
 
 
+def _planes(frame: av.VideoFrame) -> list[UInt8[np.ndarray, "h line"]]:
+    """The frame's own memory, plane by plane."""
+    buffers: Any = frame.planes
+    return [np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size) for plane in buffers]
+
+
 def _fill(frame: av.VideoFrame, picture: UInt8[np.ndarray, "h w c"], box: Box) -> None:
-    planes = [np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size) for plane in frame.planes]
+    planes = _planes(frame)
     to_planes(picture, box, *planes[:3])
     if len(planes) == 4:
         left, top, right, bottom = box

@@ -13,6 +13,8 @@ import numpy as np
 from echoavatar.nn.kernel_math import HALF, ONE, ZERO, F, Matrices, attend, exponential, product, silu
 from echoavatar.nn.kernels import kernel
 
+from ..noise import FIRST, GOLDEN, SECOND
+
 BISECTIONS = 40
 
 
@@ -40,7 +42,9 @@ class Positions(NamedTuple):
 class Draws(NamedTuple):
     """How codes are drawn."""
 
-    noise: np.ndarray  # (b, n, K)
+    noise: np.ndarray  # (b, n, K), or (b, n, 0): it follows from the keys
+    keys: np.ndarray  # (b,) uint64 of the seeds
+    starts: np.ndarray  # (b,) the absolute position of the first code
     sharpness: np.ndarray  # (b, layers of the RVQ)
     top_p: np.ndarray  # (b,)
 
@@ -107,6 +111,21 @@ def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
                 logits[row, code] += gate * steering.raised[row, number, at + code]
 
 
+@kernel()
+def _mix(x):  # type: ignore[no-untyped-def]
+    """`noise.mix` of one number."""
+    x = (x ^ (x >> np.uint64(30))) * FIRST
+    x = (x ^ (x >> np.uint64(27))) * SECOND
+    return x ^ (x >> np.uint64(31))
+
+
+@kernel()
+def _gumbel(key, counter):  # type: ignore[no-untyped-def]
+    """Gumbel noise from the number that `noise.uniform_noise` has at this place; only codes that may win ask for it."""
+    word = _mix(key + np.uint64(counter + 1) * GOLDEN) >> np.uint64(11)
+    return F(-math.log(-math.log((float(word) + 0.5) * 2.0**-53)))
+
+
 @kernel(reorders=True)
 def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
     """The largest bound above which the mass is still `wanted`, by bisection, which is faster than sorting."""
@@ -124,8 +143,11 @@ def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
 
 
 @kernel(reorders=True)
-def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
-    """The code with the largest logit plus noise within the nucleus (`sampling.nucleus`); `shares` (K) is scratch."""
+def _draw(logits, noise, key, position, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
+    """The code with the largest logit plus noise within the nucleus (`sampling.nucleus`); `shares` (K) is scratch.
+
+    Without `noise` (K), that of the key at this absolute position.
+    """
     highest = F(-np.inf)
     for code in range(logits.shape[0]):
         logits[code] *= sharpness
@@ -137,8 +159,10 @@ def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-d
     least = _least_share(shares, top_p * total) if top_p < ONE else ZERO
     best, code_of_best = F(-np.inf), 0
     for code in range(logits.shape[0]):
-        if shares[code] >= least and logits[code] + noise[code] > best:
-            best, code_of_best = logits[code] + noise[code], code
+        if shares[code] >= least:
+            own = noise[code] if len(noise) else _gumbel(key, position * len(logits) + code)
+            if logits[code] + own > best:
+                best, code_of_best = logits[code] + own, code
     return code_of_best
 
 
@@ -183,7 +207,7 @@ def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # t
     rows, width = hidden.shape
     segments, count = weights.heads.weight.shape[0], codes.shape[1]
     x = np.empty((rows, width), F)
-    logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
+    logits, shares = np.empty((rows, weights.heads.weight.shape[1]), F), np.empty(weights.heads.weight.shape[1], F)
     for index in range(count):
         segment = index % segments
         product(hidden, weights.heads, segment, logits)
@@ -192,7 +216,9 @@ def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # t
                 _steer(logits, hidden, steering, place * logits.shape[1])
         for row in range(rows):
             sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
-            codes[row, index] = _draw(logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares)
+            noise, position = draws.noise[row, index], draws.starts[row] + index
+            key, top_p = draws.keys[row], draws.top_p[row]
+            codes[row, index] = _draw(logits[row], noise, key, position, sharpness, top_p, shares)
         if index == count - 1:
             return
         for row in range(rows):

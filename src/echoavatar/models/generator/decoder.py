@@ -223,7 +223,9 @@ class Decoder:
         `places` are those of the codes.
         """
         if self._compiled is not None:
-            draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
+            unused = np.zeros(len(hidden), np.uint64)  # the noise is known
+            noise, starts = sampler.noise.numpy(), unused.astype(np.int64)
+            draws = compiled.Draws(noise, unused, starts, sampler.sharpness.numpy(), sampler.top_p.numpy())
             steering, at = self._steering(steer, len(hidden)), _positions(places)
             drawn = compiled.draw_codes(self._compiled, hidden.numpy(), *_arrays(rings), at, draws, steering)
             return torch.from_numpy(drawn)

@@ -17,7 +17,7 @@ from echoavatar.nn import StreamState
 from echoavatar.nn.kernel_math import F, Matrices, product
 from echoavatar.stored import Stored, check_shapes
 
-from ..noise import uniform_noise
+from ..noise import GOLDEN, mix
 from .compiled import Draws, Positions, Steering, draw_codes, read_position
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .frozen import Frozen, rows_of, shapes
@@ -154,11 +154,13 @@ class FrameStream:
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
         """Noise, temperature and nucleus of a frame; see `sampling.make_sampler`."""
         config, layout, rows = self.config, self.config.layout, len(seeds)
-        uniform = uniform_noise(seeds, frames * layout.segments, count=layout.segments, codes=layout.motion_codes)
-        noise = (-np.log(-np.log(uniform))).astype(F) * F(config.temperature > 0)
+        codes = 0 if config.temperature > 0 else layout.motion_codes  # 0: noise of the keys
+        noise, keys = np.zeros((rows, layout.segments, codes), F), mix(seeds.astype(np.uint64) + GOLDEN)
         warmth = F(config.cooling) ** -np.arange(layout.motion_layers, dtype=F)
         sharpness = warmth / F(config.temperature or 1.0)
-        return Draws(noise, np.tile(sharpness, (rows, 1)), np.full(rows, config.top_p, F))
+        return Draws(
+            noise, keys, frames * layout.segments, np.tile(sharpness, (rows, 1)), np.full(rows, config.top_p, F)
+        )
 
     def _heard(self, sound: Int[np.ndarray, "b f l"]) -> Float[np.ndarray, "b c"]:
         """The backbone's input from the audio codes of a frame: the layers of each audio frame summed, all mapped."""
