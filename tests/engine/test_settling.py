@@ -159,15 +159,15 @@ def test_a_dance_in_which_the_arms_rest_for_half_a_second_is_freed_and_again_whi
 
 
 def test_who_stands_in_sound_is_freed_after_two_seconds() -> None:
-    assert freed([LOUD] * 20, STANDING, RESTING) == [7, 14]
+    assert freed([LOUD] * 20, STANDING, RESTING) == [8, 16]
 
 
 @pytest.mark.parametrize(("size", "rests"), [(1.0, True), (0.5, False)])
 def test_small_gestures_are_no_rest(size: float, rests: bool) -> None:
     settling = Settling()
-    for chunk in range(7):
+    for chunk in range(8):
         settling.made(chunk, LOUD, limbs(STANDING, 20.0), HUMANOID, size=size)
-    assert settling.must_forget(7, LOUD) == rests
+    assert settling.must_forget(8, LOUD) == rests
 
 
 def test_arms_at_rest_are_asked_to_work_after_half_a_second_of_sound() -> None:
@@ -187,7 +187,7 @@ def test_arms_that_move_or_act_or_rest_in_silence_or_in_short_sentences_are_left
 
 
 def test_a_breath_between_phrases_is_no_new_start() -> None:
-    assert freed([*[LOUD] * 5, QUIET] * 3, STANDING, RESTING) == [8, 16]
+    assert freed([*[LOUD] * 5, QUIET] * 3, STANDING, RESTING) == [9]
 
 
 def test_a_dance_that_came_to_rest_is_one_until_the_music_has_ended() -> None:
