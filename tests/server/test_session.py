@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from tests.server.rooms import Room, Told
 
 from echoavatar.engine import load
+from echoavatar.models.generator.manner import MANNER
 from echoavatar.server.session import ServerSession, TrackWatch, answer
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
@@ -237,9 +238,9 @@ def test_a_manner_holds_for_what_is_not_shown_yet() -> None:
     room = Room()
     room.speak(1, 8.0)
     room.go(1.0)
-    room.session.set_manner(liveliness=0.25)
+    room.session.set_manner(handedness=0.9)
     plan = room.session.core.begin_chunk(0)
-    assert 0.15 < plan.manner[0] <= 0.25
+    assert plan.manner[MANNER.index("right")] == pytest.approx(0.9)
 
 
 def test_words_get_a_gesture_and_bad_ones_an_error_that_is_not_fatal() -> None:
