@@ -59,10 +59,8 @@ class SpeakerManner:
         """`WHOLE`, or for one who talks how far the left and the right arm move: one that rests moves less."""
         if not talks:
             return WHOLE
-        right, size = (
-            self._set.get(SET["handedness"], 0.5),
-            np.interp(self.dial, (0, 1, 2), (SMALLEST, MIDDLE, LARGEST)),
-        )
+        right = self._set.get(SET["handedness"], 0.5)
+        size = np.interp(self.dial, (0, 1, 2), (SMALLEST, MIDDLE, LARGEST))
         works = np.interp(self._busy(self._step(chunk)), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)

@@ -4,7 +4,7 @@ The model continues its own last seconds of motion, so whatever they hold goes o
 a rest for half a minute into music (the paper leaves both open). Then the model's context is cleared, and the body's
 position is kept. The model goes on like a session that has stood through silence: it comes to rest in silence, and
 dances to music within two seconds. Gestures come to rest by themselves, and pauses in speech change nothing.
-Before that, a speaker whose hands rest is told to be lively and to work, see `SpeakerManner.at`.
+In talk, a speaker whose hands rest is first told to be lively and to work, see `SpeakerManner.at`.
 
 Decisions depend on the chunks heard and the motion made, so a session that goes back decides the same again.
 """
