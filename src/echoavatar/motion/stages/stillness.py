@@ -17,15 +17,14 @@ People's trunks move when their hands do. So each turn of the spine's joints is 
 `CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
 forgotten within `FORGOTTEN_S`. A trunk is heavy, and people's hardly moves above 2 Hz: a low-pass filter of `TRUNK_HZ`
 comes first, or what is fast in the codes would be shown larger, as a shake. And no talker leans far to a side for
-seconds, as a generator may: the spine's roll is at most `MOST_ROLL` (softly). The trunk of one who travels passes as it
-is.
+seconds, as a generator may: the spine is shown with a roll of at most `MOST_ROLL` (softly). The trunk of one who
+travels passes as it is.
 
 A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
-from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. The place
-of a hand of size under 1 rises `RISES` times as slowly as it sinks: none stays up. And the generator holds a speaker's
-hands too far before the body. So the elbow is drawn back, the forearm folds and the arm turns aside, by `DRAWN`,
-`FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All that ends as the hips
-travel, and at once where legs dance. Not in the paper.
+from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. And the
+generator holds a speaker's hands too far before the body. So the elbow is drawn back, the forearm folds and the arm
+turns aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All
+that ends as the hips travel, and at once where legs dance. Not in the paper.
 """
 
 import math
@@ -55,13 +54,13 @@ from ..kinematics.quaternions import (
 )
 from .pose import Array, Pose
 
-STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.6
-AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.3, 2.0, 2.0, 0.5
+STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
+AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.12, 1.4, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
 TRUNK_HZ = 2.0
-PLACE_S, SIZE_S, RISES = 2.0, 0.15, 0.2  # within which a hand's place is a mean, and a new size is reached
+PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
-MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
+MOST_ROLL = 0.26  # radians of all joints together: the trunk as a whole leans by half of it
 # Sizes of the left and the right hand, and 1 if they talk: here those of actions and dances.
 WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
@@ -166,7 +165,8 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
     roll = 1e-9
     for bone in range(len(spine)):
         roll += 2.0 * math.atan2(pose[spine[bone], 3], pose[spine[bone], 0])
-    kept = MOST_ROLL * math.tanh(roll / MOST_ROLL) / roll
+    most = MOST_ROLL / size
+    kept = most * math.tanh(roll / most) / roll
     kept += (1.0 - kept) * passes
     forgotten = 1.0 - math.exp(-1.0 / (fps * FORGOTTEN_S))
     follows = 1.0 / (1.0 + fps / (2.0 * math.pi * TRUNK_HZ))
@@ -218,11 +218,10 @@ def rest(  # type: ignore[no-untyped-def]
             for side in range(len(joints)):
                 shown, place = arms[row, 0, side], arms[row, 1, side]
                 size = 1.0 + free * (hands[row, side] - 1.0)
-                at, behind, follows = wrist(now, joints[side], offsets[side]), 0.0, 1.0
+                behind = 0.0
                 if has_shown[row]:
-                    behind = length(minus(at, wrist(shown, BONES, offsets[side]))) / reach[side]
-                    rises = size < 1.0 and at[1] > wrist(place, BONES, offsets[side])[1]
-                    follows = settling * (RISES if rises else 1.0)
+                    lag = minus(wrist(now, joints[side], offsets[side]), wrist(shown, BONES, offsets[side]))
+                    behind = length(lag) / reach[side]
                 pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
                 cutoff = STILL_HZ + GAIN_HZ * pace * pace
@@ -231,7 +230,7 @@ def rest(  # type: ignore[no-untyped-def]
                     joint = joints[side, bone]
                     q = between(read_quaternion(shown[bone]), read_quaternion(now[joint]), share)
                     write_quaternion(shown[bone], q)
-                    mean = between(read_quaternion(place[bone]), q, follows)
+                    mean = between(read_quaternion(place[bone]), q, settling if has_shown[row] else 1.0)
                     write_quaternion(place[bone], mean)
                     write_quaternion(now[joint], q if size == 1.0 else between(mean, q, size))
                 withdraw(now, joints[side], offsets[side], free * hands[row, 2] / reach[side])
