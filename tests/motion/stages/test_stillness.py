@@ -182,7 +182,7 @@ def test_a_new_size_is_reached_within_two_chunks_and_without_a_jump():
     assert np.abs(np.diff(changed)).max() < 1.6 * np.abs(np.diff(own)).max()
 
 
-def test_a_small_gesturers_hand_does_not_stay_up_and_comes_down_at_once():
+def test_a_small_gesturers_hand_reaches_a_new_place_within_seconds():
     """The left arm is lifted sideways, or falls; three seconds later it has gone so much of the way."""
 
     def gone(first: float, last: float) -> float:
@@ -194,7 +194,7 @@ def test_a_small_gesturers_hand_does_not_stay_up_and_comes_down_at_once():
         angle = 2 * np.arctan2(made[:, 3], made[:, 0])
         return float((angle[210] - first) / (last - first))
 
-    assert 0.4 < gone(-1.2, 0.2) < 0.75 < 0.85 < gone(0.2, -1.2)
+    assert 0.8 < gone(-1.2, 0.2) < 0.95 and 0.8 < gone(0.2, -1.2) < 0.95
 
 
 @pytest.mark.parametrize(("talks", "travel", "least", "most"), [(0, 0, 0.98, 1), (1, 0, 0.6, 0.9), (1, 0.5, 0.98, 1)])
