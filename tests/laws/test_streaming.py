@@ -11,9 +11,12 @@ import torch
 from tests.laws.cases import CASES, COVERED, Case
 from tests.laws.streaming import hold
 
-from echoavatar.nn.blocks import CausalBlock
+from echoavatar_lab.nn.blocks import CausalBlock
 
-ROOMS = *(f"echoavatar.{room}" for room in ("nn", "motion", "models", "engine")), "echoavatar_lab.models.face"
+ROOMS = (
+    *(f"echoavatar.{room}" for room in ("nn", "motion", "models", "engine")),
+    *(f"echoavatar_lab.{room}" for room in ("nn", "models")),
+)
 NAMED = {f"{owner.__name__} {name}".strip(): case for owner, cases in CASES.items() for name, case in cases.items()}
 
 

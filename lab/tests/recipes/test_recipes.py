@@ -12,7 +12,6 @@ from echoavatar.cli import main
 from echoavatar.config import Config
 from echoavatar.models.audio import CodecConfig
 from echoavatar.models.face import FaceConfig
-from echoavatar.models.fingers import FingerConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.commands import train
@@ -21,7 +20,8 @@ from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar_lab.models.audio.train import CodecTrainingConfig
 from echoavatar_lab.models.face.train import FaceTraining
-from echoavatar_lab.models.fingers import FingerTraining
+from echoavatar_lab.models.fingers.model import FingerConfig
+from echoavatar_lab.models.fingers.train import FingerTraining
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTraining

@@ -13,10 +13,10 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.nn import StreamState
-from echoavatar.nn.blocks import Mlp
-from echoavatar.nn.stream import StreamingModule, write_rows
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer, MotionTokenizer
+from echoavatar_lab.nn.blocks import Mlp
+from echoavatar_lab.nn.stream import StreamingModule, write_rows
 
 KERNEL = 3
 DILATIONS = (1, 3, 9)
