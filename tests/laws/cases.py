@@ -132,6 +132,11 @@ def encoding(model: MotionTokenizer) -> Stream:
     return Stream(model.init_encoder, step, model.encode)
 
 
+def whole_body() -> Stream:
+    model = small_body().double()
+    return Stream(model.init_encoder, model.encode_step, model.encode)
+
+
 def decoding(model: MotionTokenizer | BodyTokenizer) -> Stream:
     return Stream(model.init_decoder, model.decode_step, model.decode)
 
@@ -313,7 +318,10 @@ CASES: dict[type, dict[str, Case]] = {
         "encoder": Case(lambda: encoding(tokenizer()), numbers(10), unit=4, atol=0),
         "decoder": Case(lambda: decoding(tokenizer()), codes(24, 3)),
     },
-    BodyTokenizer: {"decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2))},
+    BodyTokenizer: {
+        "encoder": Case(whole_body, numbers(315), unit=4, atol=0),
+        "decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2)),
+    },
     AudioCodec: {"": Case(codec, lambda *of: sound(*of).double(), unit=7 * 320, cuts=FEW, atol=0)},
     # Checks of shapes would be traced into the graphs, with the number of rows that they saw.
     ExportedStep: {}

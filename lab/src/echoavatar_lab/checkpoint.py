@@ -1,7 +1,6 @@
 """Modules of torch and their checkpoints. Loading is strict and says what is wrong.
 
-No module is built that is larger than the weights stored for it. Uses `stored`, `config`, `whole_file` and `errors`
-only.
+No module is built that is larger than the weights stored for it. Uses `echoavatar` only.
 """
 
 import json

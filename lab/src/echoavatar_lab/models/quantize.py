@@ -1,6 +1,6 @@
 """Residual vector quantisation (paper, Motion Tokenizer): each layer quantises the remainder of those before.
 
-z is approximated by the sum over q of z^q, each z^q taken from its own codebook C_q. The lab learns the codebooks.
+z is approximated by the sum over q of z^q, each z^q taken from its own codebook C_q. `codebook_training` learns them.
 """
 
 from collections.abc import Sequence

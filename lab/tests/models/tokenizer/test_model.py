@@ -160,5 +160,5 @@ def test_without_look_back_a_token_sees_its_own_four_frames_only():
 
 def test_a_variant_of_the_ablation_is_refused_with_the_place_where_it_runs():
     for change in ({"blocks": "convolution"}, {"resampling": "learned"}):
-        with pytest.raises(ValueError, match="in the lab alone"):
+        with pytest.raises(ValueError, match="in the ablation alone"):
             MotionTokenizer(CONFIG.model_copy(update=change))

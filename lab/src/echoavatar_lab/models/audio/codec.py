@@ -1,7 +1,7 @@
 """The causal audio codec: 24 kHz sound to 75 x 2 codes per second (paper, Settings: EnCodec, two layers).
 
-The network is EnCodec's, under its published names, so that the lab can convert `facebook/encodec_24khz`. The lab also
-runs the decoder, back to sound.
+The network is EnCodec's, under its published names, so that `facebook/encodec_24khz` can be converted. `decoding` runs
+the decoder, back to sound.
 """
 
 import torch

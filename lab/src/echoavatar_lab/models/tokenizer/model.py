@@ -3,7 +3,7 @@
 Anatomically partitioned tokenisation: lower body, upper body and hands have codebooks of their own. `BodyTokenizer` is
 the whole body, with statistics and skeleton in one checkpoint; `MotionTokenizer` is one part. A part has three levels
 of attention at 30, 15 and 7.5 Hz, dual-path resampling between them, RVQ at the lowest. The state dict has the names of
-the released checkpoints (`input_liner` is their spelling), which therefore load. The lab has the variants of the
+the released checkpoints (`input_liner` is their spelling), which therefore load. `variants` has the blocks of the
 paper's ablation.
 """
 
@@ -124,13 +124,13 @@ class MotionTokenizer(nn.Module):
         """The layer of a level that looks back."""
         config = self.config
         if config.blocks != "attention":
-            raise ValueError(f"{config.blocks} blocks run in the lab alone")
+            raise ValueError(f"{config.blocks} blocks run in the ablation alone")
         return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
 
     def resampler(self, inputs: int, outputs: int) -> nn.Module:
         """The learned path between two levels; its inputs are neighbouring frames side by side."""
         if self.config.resampling != "dual":
-            raise ValueError(f"{self.config.resampling} resampling runs in the lab alone")
+            raise ValueError(f"{self.config.resampling} resampling runs in the ablation alone")
         return Mlp(inputs=inputs, hidden=4 * self.config.width, outputs=outputs)
 
     def both_paths(self, learned: Float[Tensor, "b n c"], short: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:

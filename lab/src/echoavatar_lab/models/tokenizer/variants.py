@@ -1,4 +1,4 @@
-"""The tokenizers of the paper's ablation, which only the lab runs: convolutions, and one path between the levels.
+"""The tokenizers of the paper's ablation: convolutions, and one path between the levels.
 
 A block of convolutions, the paper's baseline (CausalConv-RVQ), has three residual units of dilation 1, 3 and 9, as
 motion VQ-VAEs usually have (T2M-GPT), padded on the left only. It has the weights of an attention block of the same
