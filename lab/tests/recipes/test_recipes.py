@@ -100,7 +100,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "generator_heights": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
-        "fingers": bundles / "fingers",
+        "fingers": ROOT / "lab/src/echoavatar_lab/bundles/fingers",
         "fid_encoder": ROOT / "lab/src/echoavatar_lab/bundles/fid_encoder",
     }
     two_runs = {  # or three; the recipe is that of the first
