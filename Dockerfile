@@ -4,14 +4,17 @@
 # digest stands here, because one that nobody renews keeps the base's old weaknesses, and none could be tried yet.
 ARG PYTHON=python:3.11-slim
 FROM ${PYTHON} AS build
-# No torch: on a CPU nothing needs it. With a GPU: EXTRAS=serve,torch (compose.gpu.yaml).
+# No torch: on a CPU nothing needs it. With a GPU it comes with the lab: LAB=./lab (compose.gpu.yaml).
 ARG EXTRAS=serve
+ARG LAB=
 RUN python -m venv /venv
 ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 WORKDIR /src
 COPY constraints.txt pyproject.toml README.md LICENSE NOTICE ./
 COPY src ./src
-RUN pip install -c constraints.txt ".[${EXTRAS}]"
+COPY lab/pyproject.toml lab/README.md ./lab/
+COPY lab/src ./lab/src
+RUN pip install -c constraints.txt ".[${EXTRAS}]" ${LAB}
 
 FROM ${PYTHON}
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \

@@ -10,7 +10,8 @@ CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.re
     u.urlopen("$(CPU_INDEX)/torch/", timeout=3)' 2>/dev/null && echo --extra-index-url $(CPU_INDEX))
 # These run a second time with annotated shapes checked (conftest.py): every streaming class steps in tests/laws.
 # The functions in test_kernels.py have no annotations to check.
-SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/test_quantize.py tests/models/test_tokens.py --ignore tests/nn/test_kernels.py
+SHAPED = tests/test_shapes.py tests/laws tests/nn lab/tests/nn lab/tests/models/test_quantize.py lab/tests/models/test_tokens.py \
+    --ignore tests/nn/test_kernels.py
 # How uv installs the lowest versions; the CPU build of torch where its index answers.
 LOWEST = --python .venv-lowest --resolution lowest-direct $(if $(CPU_TORCH),--torch-backend cpu)
 # Packages of their own beside the main one.

@@ -57,7 +57,8 @@ CONSTANTS = {  # by file of the package
     "engine/pipeline/pipeline": "BIAS LEARNED_BIAS",
     "engine/pipeline/runtime": "Runtime.lead_in_s | engine/pipeline/test_pipeline",
     "engine/pipeline/actions": "REACH_S LONGEST_S",
-    "models/generator/config": "GeneratorConfig.temperature GeneratorConfig.top_p:share | models/generator/test_stream",
+    "models/generator/config": "GeneratorConfig.temperature GeneratorConfig.top_p:share"
+    " | lab/tests/models/generator/test_stream",
     "models/audio/level": "_TARGET_DB:dB _DECAY_DB _FLOOR_RISE_DB _FAINTEST_DB:dB _SURELY_SOUND_DB:dB _ABOVE_FLOOR_DB"
     " _HOLD_BLOCKS _GATE_STEP_DB _GATE_DB _KNEE:share",
     "models/face/idle": "_BLINK_EVERY _BLINKS:share _DOUBLES:share _GAZE_EVERY _GAZE_HOME:share _GAZE_YAW _GAZE_PITCH"
@@ -97,7 +98,8 @@ def constants() -> Iterator[Constant]:
     """The rows of `CONSTANTS`, one by one."""
     for file, row in CONSTANTS.items():
         names, _, tests = row.partition("|")
-        paths = [f"tests/{path}.py" for path in tests.split() or ["/test_".join(file.rsplit("/", 1))]]
+        paths = [f"{path}.py" for path in tests.split() or ["/test_".join(file.rsplit("/", 1))]]
+        paths = [path if path.startswith("lab/") else f"tests/{path}" for path in paths]
         for word in names.split():
             name, _, kind = word.partition(":")
             yield Constant(file, name, kind, paths)

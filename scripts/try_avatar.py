@@ -33,6 +33,7 @@ def main() -> int:
     tried("animate .npz", "animate", sound, "-o", "speech.npz")
     tried("export", "export", "speech.npz", "-o", "speech.vrma")
     tried("rig", "rig", "speech.glb", "-o", "body.json")
+    tried("actions add", "actions", "add", "talk", "speech.glb")
     with served("serve", "--port", "0") as server:
         print("ok  serve", flush=True)
         tried("say", "say", sound, "--server", server, "-o", "said.npz")

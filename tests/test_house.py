@@ -108,8 +108,8 @@ def test_version_is_the_installed_one() -> None:
 
 def test_shipped_weights_stay_small_and_carry_cards() -> None:
     """A clone must stay light (the default bundle under 60 MB), and every bundle must say what it was trained on."""
-    weights = list((SOURCE / "bundles").rglob("*.safetensors"))
-    assert weights
+    weights = [path for house in TESTS for path in (house / "bundles").rglob("*.safetensors")]
+    assert {"default", "fingers"} <= {part for path in weights for part in path.parts}
     assert sum(path.stat().st_size for path in weights if "default" in path.parts) < 60e6
     for path in weights:
         card = json.loads((path.parent / "card.json").read_text())

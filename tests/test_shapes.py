@@ -9,9 +9,9 @@ import torch
 from jaxtyping import Float, TypeCheckError, jaxtyped
 from tests.shapes import checked
 
-from echoavatar.models.quantize import Codebook
-from echoavatar.nn.attention import lookback_mask
-from echoavatar.nn.stream import write_rows
+from echoavatar_lab.models.quantize import Codebook
+from echoavatar_lab.nn.attention import lookback_mask
+from echoavatar_lab.nn.stream import write_rows
 
 hooked = pytest.mark.skipif(not os.environ.get("CHECK_SHAPES"), reason="needs CHECK_SHAPES=1, as in `make test`")
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.whole_file import whole_file, write_whole
+from echoavatar_lab import checkpoint
 
 
 @pytest.mark.parametrize("is_flushed", [False, True])

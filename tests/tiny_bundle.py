@@ -4,13 +4,15 @@ from pathlib import Path
 
 import torch
 
-from echoavatar import checkpoint
-from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.audio import CodecConfig
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
+from echoavatar_lab import checkpoint
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import body_config
 
 CARD: dict[str, object] = {"data": "none, random weights", "command": "tests/tiny_bundle.py", "licence": "Apache-2.0"}

@@ -14,11 +14,10 @@ from pathlib import Path
 import pytest
 from lab.tests.training.line import Line
 
-from echoavatar import checkpoint
 from echoavatar.cli import main
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.stored import read_card, read_config
-from echoavatar_lab import held_folder
+from echoavatar_lab import checkpoint, held_folder
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
 from echoavatar_lab.held_folder import FILE, hold_folder
 from echoavatar_lab.training import train

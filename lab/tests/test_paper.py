@@ -17,11 +17,11 @@ import torch
 from echoavatar.config import Config
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.tokenizer import FeatureStatistics
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.align.audio_encoders import Beats, BeatsConfig
 from echoavatar_lab.align.start import AlignmentSetup
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.tokenizer.train import body_config
 from echoavatar_lab.tables import alignment, latency, main
 from echoavatar_lab.tables.experiment import Experiment, Sources

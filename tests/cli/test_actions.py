@@ -53,15 +53,19 @@ def test_a_shipped_model_is_copied_before_its_actions_change(
     assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["my-default"]
 
 
-def test_without_torch_nothing_is_copied(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_without_the_lab_a_tokenizer_needs_its_graphs(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The shipped one has them; the tiny one has none."""
+    wave = clip(SCRIPTS["wave"])
+    write_bvh(tmp_path / "wave.bvh", wave.skeleton, wave.rotations, wave.root, fps=wave.fps)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "echoavatar.models.tokenizer", raising=False)
-    assert main(["actions", "add", "nod", "nod.bvh"]) == 1
-    assert "pip install 'echoavatar[torch]'" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setitem(sys.modules, "echoavatar_lab", None)
+    monkeypatch.delitem(sys.modules, "echoavatar_lab.torch_backend", raising=False)
+    assert main(["actions", "add", "big wave", "wave.bvh", "--model", str(bundle)]) == 1
+    assert "pip install ./lab" in capsys.readouterr().err
+    assert main(["actions", "add", "big wave", "wave.bvh"]) == 0
+    assert len(set(load_bundle("my-default").actions["big_wave"].codes)) > 1
 
 
 def test_a_clip_with_names_of_its_own_is_added_by_a_map(

@@ -54,7 +54,7 @@ def test_a_module_that_does_not_load_is_a_fault(monkeypatch: pytest.MonkeyPatch)
 def test_only_packages_of_an_extra_may_be_absent() -> None:
     absent = doctor._failure("echoavatar.server.run", ModuleNotFoundError(name="starlette.routing"))
     assert absent == (doctor.OPTIONAL, "server", "needs starlette; pip install 'echoavatar[serve]'")
-    assert doctor._failure("echoavatar.models.audio.network", ModuleNotFoundError(name="soxr"))[0] == doctor.BROKEN
+    assert doctor._failure("echoavatar.models.audio.io", ModuleNotFoundError(name="soxr"))[0] == doctor.BROKEN
     assert doctor._failure("echoavatar.agents.mcp", DependencyError("x"))[0] == doctor.OPTIONAL
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert set(doctor.EXTRA_OF.values()) <= set(project["optional-dependencies"])

@@ -49,14 +49,17 @@ def test_every_file_that_is_copied_is_there_and_let_through() -> None:
     assert {project["readme"], *project["license-files"]} <= set(sources), "setuptools reads them"
 
 
-def test_the_extras_that_are_installed_exist_and_only_a_gpu_brings_torch() -> None:
+def test_the_extras_that_are_installed_exist_and_only_a_gpu_brings_the_lab() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     (asked,) = re.findall(r'"\.\[\$\{(\w+)\}\]"', DOCKER)
     (usual,) = [word.removeprefix(f"{asked}=") for word in lines("ARG") if word.startswith(f"{asked}=")]
-    on_gpu = ON_GPU["build"]["args"][asked].split(",")
     assert usual == "serve"
-    assert on_gpu == ["serve", "torch"]
-    assert {usual, *on_gpu} <= set(extras)
+    assert usual in extras
+    assert "LAB=" in lines("ARG"), "no lab, unless it is asked for"
+    assert sum("pip install" in line and line.endswith("${LAB}") for line in lines("RUN")) == 1
+    assert ON_GPU["build"]["args"] == {"LAB": "./lab"}
+    lab = tomllib.loads((ROOT / ON_GPU["build"]["args"]["LAB"] / "pyproject.toml").read_text())["project"]
+    assert any(needed.startswith("torch>") for needed in lab["dependencies"])
 
 
 def test_the_base_is_pinned_by_one_argument() -> None:

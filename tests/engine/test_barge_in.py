@@ -9,8 +9,8 @@ import torch
 from echoavatar.engine import Delivery, Engine, Session, SessionCore
 from echoavatar.engine.pipeline import Action, ActionLibrary, Pipeline, load_bundle
 from echoavatar.engine.playout import first_frame_after
-from echoavatar.models.generator import Generator
 from echoavatar.models.generator.config import Opening
+from echoavatar_lab.models.generator.model import Generator
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["8 frames", "12 frames"])

@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from tests.files.exports.bodies import child
 from tests.motion.formats.repacked import with_meshopt
 
-from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.exports import read_rig
 from echoavatar.models.audio.io import read_audio, write_wav
@@ -31,6 +30,7 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.stored import read_card
 from echoavatar.wire.codec import ProtocolError, decode_client, decode_server, encode
 from echoavatar.wire.messages import Audio
+from echoavatar_lab import checkpoint
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar_lab.foreign.foreign_files import read_pickled_array, read_tensors
 

@@ -20,17 +20,13 @@ from tests.models.motion_tokens import fill, small_body
 from tests.tiny_bundle import write_bundle
 from torch import Tensor
 
-from echoavatar import checkpoint
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
-from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
+from echoavatar.models.audio import CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
 from echoavatar.models.face.decoder import FrameDecoder
 from echoavatar.models.face.idle import IdleFace
-from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.frames import FrameStream
-from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
@@ -42,14 +38,18 @@ from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.motion.stages.stillness import Stillness
-from echoavatar.nn.attention import CausalAttention
-from echoavatar.nn.blocks import CausalBlock
 from echoavatar.nn.exported import ExportedStep
-from echoavatar.nn.torch_step import TorchStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar_lab import checkpoint
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.export import export_step
 from echoavatar_lab.models.face.encoder import HubertEncoder, MelEncoder
 from echoavatar_lab.models.face.window import WindowFrames
+from echoavatar_lab.models.generator.stream import DepthStream, InterleavedStream, PrefixStream, open_stream
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer, MotionTokenizer
+from echoavatar_lab.nn.attention import CausalAttention
+from echoavatar_lab.nn.blocks import CausalBlock
+from echoavatar_lab.nn.torch_step import TorchStep
 from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
@@ -130,6 +130,11 @@ def encoding(model: MotionTokenizer) -> Stream:
         return model.quantizer.encode(model.latents_step(x, state, active))
 
     return Stream(model.init_encoder, step, model.encode)
+
+
+def whole_body() -> Stream:
+    model = small_body().double()
+    return Stream(model.init_encoder, model.encode_step, model.encode)
 
 
 def decoding(model: MotionTokenizer | BodyTokenizer) -> Stream:
@@ -313,7 +318,10 @@ CASES: dict[type, dict[str, Case]] = {
         "encoder": Case(lambda: encoding(tokenizer()), numbers(10), unit=4, atol=0),
         "decoder": Case(lambda: decoding(tokenizer()), codes(24, 3)),
     },
-    BodyTokenizer: {"decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2))},
+    BodyTokenizer: {
+        "encoder": Case(whole_body, numbers(315), unit=4, atol=0),
+        "decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2)),
+    },
     AudioCodec: {"": Case(codec, lambda *of: sound(*of).double(), unit=7 * 320, cuts=FEW, atol=0)},
     # Checks of shapes would be traced into the graphs, with the number of rows that they saw.
     ExportedStep: {}

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import torch
 
-from echoavatar.models.quantize import ResidualVectorQuantizer
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar_lab.models.quantize import ResidualVectorQuantizer
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import body_config
 
 

@@ -6,12 +6,12 @@ from pydantic import ValidationError
 from echoavatar.config import Config
 from echoavatar.models.audio.codec_config import CodecConfig
 from echoavatar.models.face.config import FaceConfig, MelConfig
-from echoavatar.models.fingers.model import FingerConfig
 from echoavatar.models.generator.config import GeneratorConfig
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
+from echoavatar_lab.models.fingers.model import FingerConfig
 from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolutionConfig
 
 SIZES: list[tuple[type[Config], str]] = [

@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from echoavatar.models.generator import sampling
 from echoavatar.models.noise import mix, uniform_noise
+from echoavatar_lab.models.generator import sampling
 
 
 def noise(seed: int, start: int, count: int = 4, codes: int = 512) -> np.ndarray:

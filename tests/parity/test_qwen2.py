@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.generator import GeneratorConfig
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.published import init_from_qwen
 

@@ -9,10 +9,10 @@ import torch
 from tests import golden as fixtures
 from tests.parity.test_reference_tokenizer import procedural
 
-from echoavatar.checkpoint import load_into
-from echoavatar.models.tokenizer import MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
+from echoavatar_lab.checkpoint import load_into
 from echoavatar_lab.models.tokenizer.measure import code_usage
+from echoavatar_lab.models.tokenizer.model import MotionTokenizer
 
 
 def told() -> dict:

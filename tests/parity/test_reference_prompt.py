@@ -7,9 +7,11 @@ import torch
 from tests import golden as fixtures
 from tests.models.generator.tiny import generator
 
-from echoavatar.models.generator import GeneratorConfig, open_stream
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
 from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.generator.stream import open_stream
+from echoavatar_lab.models.tokens import prefix_prompt
 from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 START, END, LINE = 151_644, 151_645, 198
@@ -41,7 +43,7 @@ def test_every_id_of_the_prompt(step: int, example: list[int]) -> None:
     audio = torch.cat([torch.tensor([[7, 9]]).expand(300 - frames, 2), heard])
     motion = torch.full((30 - step, 3, 6), 32)
     shown = torch.tensor([[156_690 + 512 * 6 + code for code in example]]) if example else None
-    ids, valid = order.prompt(audio[None], motion[None], torch.zeros(1, dtype=torch.int64), shown)
+    ids, valid = prefix_prompt(order, audio[None], motion[None], torch.zeros(1, dtype=torch.int64), shown)
     assert bool(valid.all())
     told = [156_690 + 512 * 6 + code for code in example]
     assert ids[0].tolist() == written_out(audio.tolist(), motion.flatten(1).tolist(), told)

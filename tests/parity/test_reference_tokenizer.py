@@ -5,11 +5,11 @@ import pytest
 import torch
 from tests import golden as fixtures
 
-from echoavatar.checkpoint import load_into
-from echoavatar.models.tokenizer import MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
-from echoavatar.nn.attention import lookback_mask
+from echoavatar_lab.checkpoint import load_into
+from echoavatar_lab.models.tokenizer.model import MotionTokenizer
 from echoavatar_lab.models.tokenizer.train import learning_quantizer
+from echoavatar_lab.nn.attention import lookback_mask
 
 
 def procedural(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, torch.Tensor]:

@@ -13,12 +13,12 @@ from tests.golden import golden
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Skeleton, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import body_config
 from echoavatar_lab.reference.release_rig import AXES, rig_config, skeleton_config
 

@@ -1,4 +1,5 @@
-"""The lab: makes what the avatar runs. Data, corpora, training, evaluation, alignment and the tables of the paper.
+"""The lab: makes what the avatar runs, and keeps its modules of torch.
 
-May import `echoavatar`; nothing of `echoavatar` imports it. Its commands join `echoavatar` by entry points.
+Data, corpora, training, evaluation, alignment and the tables of the paper. May import `echoavatar`, one file of
+which asks for `torch_backend` by name. Its commands join `echoavatar` by entry points.
 """

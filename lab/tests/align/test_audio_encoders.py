@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import CheckpointError
-from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.audio import CodecConfig
 from echoavatar_lab.align.audio_encoders import (
     FBANK_MEAN,
     FBANK_STD,
@@ -30,6 +30,7 @@ from echoavatar_lab.align.audio_encoders import (
     spectrogram,
 )
 from echoavatar_lab.align.audio_reward import AudioMotion
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.audio.decoding import decode
 
 KALDI = {

@@ -8,9 +8,9 @@ import torch
 from lab.tests.align.moving_bodies import dips, reference_statistics, scene
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import FeatureStatistics
 from echoavatar_lab.align.audio_encoders import AudioEncoderConfig
 from echoavatar_lab.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
 
 
 def model() -> AudioMotion:

@@ -8,11 +8,11 @@ from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator
 from echoavatar_lab.align.compare import as_markdown, compare, gain, over_seeds
 from echoavatar_lab.align.prompts import PromptSampler
 from echoavatar_lab.align.rewards import RewardMix
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.models.generator.model import Generator
 
 
 def test_a_gain_is_taken_prompt_by_prompt():

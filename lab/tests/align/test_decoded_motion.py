@@ -7,7 +7,6 @@ import numpy as np
 import torch
 from lab.tests.align.tuning_fakes import clips
 
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.stages.pose import Pose, Unpacking
@@ -15,6 +14,7 @@ from echoavatar.motion.stages.smoother import Smoother
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from echoavatar_lab.align.decoded_motion import decode_continuations, decode_truth, shown_positions
 from echoavatar_lab.align.prompts import PromptSampler
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 
 def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):

@@ -8,7 +8,6 @@ from lab.tests.align.moving_bodies import reference_statistics
 from lab.tests.align.tuning_fakes import book, clips, policy, wants_threes
 
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.align import probe as room
 from echoavatar_lab.align.decoded_motion import decode_continuations
 from echoavatar_lab.align.policy import GeneratorPolicy
@@ -16,6 +15,7 @@ from echoavatar_lab.align.probe import DecodingJudge, MotionMetrics, Probe, Samp
 from echoavatar_lab.align.prompts import PromptSampler
 from echoavatar_lab.align.rewards import RewardMix
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 
 def test_the_truth_costs_nothing_and_stillness_does(tiny_bundle):

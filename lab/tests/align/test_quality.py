@@ -9,7 +9,6 @@ from lab.tests.align.moving_bodies import dips, reference_statistics, scene
 from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics
 from echoavatar_lab.align.corruption import CLEAN, paper_scores
 from echoavatar_lab.align.quality import (
     PACE,
@@ -23,8 +22,10 @@ from echoavatar_lab.align.quality import (
     draw_quality,
     measure_quality,
 )
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.training import train
 
 

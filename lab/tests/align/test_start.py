@@ -9,9 +9,9 @@ from lab.tests.align.moving_bodies import reference_statistics
 from lab.tests.align.tuning_fakes import save_clips
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.models.generator import Generator
 from echoavatar_lab.align.start import load_setup, make_pairs, training_task, tune
 from echoavatar_lab.align.trainer import recipe
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.windows import TokenClip
 
 

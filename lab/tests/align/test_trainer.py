@@ -11,11 +11,11 @@ from pydantic import ValidationError
 from tests.models.generator.tiny import generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator
 from echoavatar_lab.align.probe import Probe
 from echoavatar_lab.align.rollouts import GrpoTask, PpoTask
 from echoavatar_lab.align.start import tune
 from echoavatar_lab.align.trainer import NO_CONTEXT, AlignTraining, RunContext, recipe
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.training import Loop
 

@@ -2,8 +2,9 @@ import pytest
 import torch
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar_lab.bench.train import bench_generator, step_flop
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 

@@ -13,10 +13,10 @@ from lab.tests.evaluation.test_alive import swaying
 from lab.tests.evaluation.test_takes import name_people
 
 from echoavatar.cli import main
-from echoavatar.models.generator import Generator
 from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.align import targets
 from echoavatar_lab.align.compare import compare
+from echoavatar_lab.models.generator.model import Generator
 
 
 def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, capsys):

@@ -7,10 +7,10 @@ import pytest
 from pydantic import Field
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.fingers import FingerConfig
 from echoavatar_lab import paper
 from echoavatar_lab.commands.recipe import Options, paper_recipe, read_recipe
-from echoavatar_lab.models.fingers import FingerTraining
+from echoavatar_lab.models.fingers.model import FingerConfig
+from echoavatar_lab.models.fingers.train import FingerTraining
 from echoavatar_lab.training import TrainingConfig
 
 BASE = {"training": {"losses": {"a": 0, "b": 2}, "batch": 4, "steps": 3000}}

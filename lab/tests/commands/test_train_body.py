@@ -15,9 +15,8 @@ from transformers import EncodecConfig, EncodecModel
 
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.audio import CodecConfig
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.stored import read_card
 from echoavatar_lab.commands import train
@@ -25,7 +24,10 @@ from echoavatar_lab.commands.recipe import Settings, shipped
 from echoavatar_lab.commands.train_body import body_sizes, complete
 from echoavatar_lab.data import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.published import read_encodec
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.training.run import Signals
 
 RECIPE = """

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 from lab.tests.evaluation.clips import clip, folder
+from lab.tests.models.fingers.moving import waving
 from tests.models.face.tiny import clip as face_clip
-from tests.models.fingers.moving import waving
 
 from echoavatar.cli import main
 from echoavatar.models.face import FaceConfig
-from echoavatar.models.fingers import FingerConfig
 from echoavatar.motion.formats import write_bvh
 from echoavatar.stored import read_card
 from echoavatar_lab.commands import train
@@ -18,6 +17,7 @@ from echoavatar_lab.data import Clip, write_manifest
 from echoavatar_lab.data.corpus import clip_path
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.models.face.model import FaceModel
+from echoavatar_lab.models.fingers.model import FingerConfig
 
 RECIPE = """
 model:

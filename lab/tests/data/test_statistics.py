@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-import torch
 from tests.motion.kinematics.samples import swaying
 from tests.motion.kinematics.test_foot_planting import standing
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar_lab.data.statistics import describe, measure_features, wrist_speeds
+from echoavatar_lab.data.statistics import describe, wrist_speeds
 
 
 def test_a_statue_rests():
@@ -55,28 +54,3 @@ def test_feet_that_point_aside_are_counted():
     turns[15:, HUMANOID.index("rightFoot")] = (np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0)
     assert describe(motion)["turned_feet_ratio"] == 0
     assert describe(Motion(HUMANOID, turns, motion.root, 30))["turned_feet_ratio"] == pytest.approx(0.25)
-
-
-def test_statistics_over_pieces_are_those_of_the_whole():
-    generator = torch.Generator().manual_seed(3)
-    features = torch.randn(100, 6, generator=generator) * 5 + 3
-    features[:, 2] = 7.0
-    found = measure_features([features[:10], features[10:11], features[11:]])
-    torch.testing.assert_close(found.mean, features.mean(0))
-    torch.testing.assert_close(found.std, features.std(0, correction=0), atol=1e-5, rtol=1e-5)
-    assert found.varies.tolist() == [True, True, False, True, True, True]
-
-
-def test_constant_features_do_not_blow_up():
-    generator = torch.Generator().manual_seed(4)
-    features = torch.randn(50, 3, generator=generator)
-    features[:, 1] = 0.5
-    found = measure_features([features])
-    noisy = features + torch.tensor([0.0, 1e-3, 0.0])
-    assert found.normalize(noisy)[:, 1].abs().max() == 0
-    torch.testing.assert_close(found.denormalize(found.normalize(noisy)), features)
-
-
-def test_nothing_to_measure_is_said():
-    with pytest.raises(ValueError, match="no clip"):
-        measure_features([])

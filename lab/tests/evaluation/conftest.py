@@ -1,5 +1,5 @@
 """The finger model that the finger tests train, for its scores."""
 
-from tests.models.fingers.conftest import model, trained
+from lab.tests.models.fingers.conftest import model, trained
 
 __all__ = ["model", "trained"]

@@ -8,7 +8,6 @@ from tests.models.generator.tiny import config, generator
 
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 from echoavatar_lab.data import MUSIC, SPEECH
@@ -26,6 +25,7 @@ from echoavatar_lab.evaluation.measures import Track
 from echoavatar_lab.evaluation.metrics.tells import SHARING
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.training import Loop
 
 

@@ -1,10 +1,10 @@
 import numpy as np
-from tests.models.fingers.moving import waving
+from lab.tests.models.fingers.moving import waving
 
-from echoavatar.models.fingers import FingerModel
-from echoavatar.models.fingers.clips import FINGERS, finger_clip
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar_lab.evaluation.fingers import compare, curl, fingertips, measure_fingers, speed_and_spread
+from echoavatar_lab.models.fingers.clips import FINGERS, finger_clip
+from echoavatar_lab.models.fingers.model import FingerModel
 
 
 def fingers(seed: int = 0) -> np.ndarray:

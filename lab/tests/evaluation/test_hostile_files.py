@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.motion.formats import tables
+from echoavatar_lab import checkpoint
 from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.quality import QualityConfig, QualityReward
 from echoavatar_lab.data import Clip

@@ -1,1 +1,1 @@
-from tests.models.fingers.conftest import model, trained  # noqa: F401
+from lab.tests.models.fingers.conftest import model, trained  # noqa: F401

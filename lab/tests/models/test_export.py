@@ -13,11 +13,11 @@ from tests.tiny_bundle import CARD, write_bundle
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.engine.pipeline.undo import changes, undo
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar_lab.models.export import export_bundle
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,6 @@ import torch
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio.io import write_wav
-from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.manner import TOLD, Manner
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
@@ -18,6 +17,7 @@ from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet, write_manifest
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import save_sounds
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, cues_at, hands_of, own_motion, tokenize_corpus, tokenize_sounds
 

@@ -12,7 +12,6 @@ from echoavatar.cli import main
 from echoavatar.config import Config
 from echoavatar.models.audio import CodecConfig
 from echoavatar.models.face import FaceConfig
-from echoavatar.models.fingers import FingerConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.commands import train
@@ -21,7 +20,8 @@ from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar_lab.models.audio.train import CodecTrainingConfig
 from echoavatar_lab.models.face.train import FaceTraining
-from echoavatar_lab.models.fingers import FingerTraining
+from echoavatar_lab.models.fingers.model import FingerConfig
+from echoavatar_lab.models.fingers.train import FingerTraining
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTraining
@@ -100,7 +100,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "generator_heights": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
-        "fingers": bundles / "fingers",
+        "fingers": ROOT / "lab/src/echoavatar_lab/bundles/fingers",
         "fid_encoder": ROOT / "lab/src/echoavatar_lab/bundles/fid_encoder",
     }
     two_runs = {  # or three; the recipe is that of the first

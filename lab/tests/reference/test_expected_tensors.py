@@ -10,15 +10,15 @@ from tests import golden as fixtures
 from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
-from echoavatar.checkpoint import load_into
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.noise import euler_levels
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_lab.checkpoint import load_into
 from echoavatar_lab.models.face.encoder import normalize_window, pad_window
 from echoavatar_lab.models.face.gpt import rotate_pairs, sinusoids
 from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.models.face.window import WindowFrames
+from echoavatar_lab.models.tokenizer.model import MotionTokenizerConfig
 from echoavatar_lab.reference.expected_tensors import (
     differences,
     face_shapes,

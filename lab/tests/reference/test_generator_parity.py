@@ -8,7 +8,8 @@ from lab.tests.reference.conftest import bundle_of
 from scripts.synthetic_release import make
 
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.models.generator import open_stream
+from echoavatar_lab.models.generator.stream import open_stream
+from echoavatar_lab.models.tokens import audio_ids, motion_ids
 from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 transformers = pytest.importorskip("transformers")
@@ -38,9 +39,9 @@ def test_the_likeliest_codes_of_a_step_with_an_example(download, tmp_path) -> No
     told = [layout.segment_start(6) + 7, layout.segment_start(0) + 495]
     sound = torch.cat([torch.tensor([config.opening.silence]).expand(280, 2), audio[0]])
     ids = [151_644, 8_948, 198, *told, 151_645, 198, 151_644, 872, 198]
-    ids += layout.audio_ids(sound[None])[0].tolist()
+    ids += audio_ids(layout, sound[None])[0].tolist()
     ids += [151_645, 198, 151_644, 77_091, 198]
-    ids += layout.motion_ids(torch.full((1, 28, 3, 6), 32))[0].tolist()
+    ids += motion_ids(layout, torch.full((1, 28, 3, 6), 32))[0].tolist()
     codes: list[int] = []
     assert len(ids) == 5 + 2 + 608 + 504
     for index in range(36):

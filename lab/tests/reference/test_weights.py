@@ -7,6 +7,7 @@ import torch
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig
+from echoavatar_lab.models.tokens import prefix_prompt
 from echoavatar_lab.reference.weights import REFERENCE_LAYOUT, StoredGenerator, compacted, occurring
 
 
@@ -25,7 +26,7 @@ def test_a_prompt_over_the_kept_rows_is_the_published_prompt():
     for layout in (compacted(), REFERENCE_LAYOUT):
         config = GeneratorConfig(layout=layout, sequence="prefix")
         shown = torch.tensor([[layout.segment_start(6) + 93, layout.segment_start(0) + 495]])
-        prompts.append(config.order.prompt(audio, motion, missing, shown)[0])
+        prompts.append(prefix_prompt(config.order, audio, motion, missing, shown)[0])
     assert torch.equal(occurring()[prompts[0]], prompts[1])
 
 

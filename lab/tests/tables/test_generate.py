@@ -13,13 +13,13 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.errors import MotionError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.generator import Generator
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smplx
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.tables.generate import LookaheadPipeline, decoded_motion, foreign_motion, live_motion
 
 

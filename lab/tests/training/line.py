@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
+from echoavatar_lab import checkpoint
 from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask
 
 CONFIG = TrainingConfig(steps=12, batch=8, learning_rate=0.05, warmup=2, save_every=3)

@@ -6,8 +6,8 @@ from lab.tests.models.generator.test_train import clips, config, settings
 from lab.tests.training.line import CONFIG, Line, weights
 from torch import nn
 
-from echoavatar.checkpoint import read_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar_lab.checkpoint import read_weights
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.training import Loop, Loss
 from echoavatar_lab.training.loop import AveragedWeights, Recording

@@ -9,8 +9,8 @@ import pytest
 import torch
 from lab.tests.training.line import CONFIG, Line
 
-from echoavatar.checkpoint import read_weights
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar_lab.checkpoint import read_weights
 from echoavatar_lab.training import Loop, TrainingTask
 from echoavatar_lab.training.processes import Processes, processes_here
 

@@ -17,6 +17,7 @@ from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.engine.pipeline.pipeline import STAGES
 from echoavatar.nn.device import threads
+from echoavatar.nn.torch_backend import torch_backend
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring buffer is full when timing starts
@@ -39,9 +40,7 @@ class StageTimer:
     def __call__(self, stage: str) -> None:
         """Record the end of a stage."""
         if self.is_cuda:
-            import torch
-
-            torch.cuda.synchronize()
+            torch_backend("a GPU").synchronize()
         now = time.perf_counter()
         self.stages[stage].append((now - self.last) * 1000)
         self.last = now

@@ -69,6 +69,7 @@ SEPARATE = {
     "import": "lab",
     "plot": "lab",
     "pull": "lab",
+    "refine-fingers": "lab",
     "reproduce": "lab",
     "score": "lab",
     "serve unity": "lab",

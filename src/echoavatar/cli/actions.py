@@ -56,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
     """List or change a library."""
     if args.kind == "list":
         return _list(args.model)
-    if args.kind == "add":
-        import echoavatar.models.tokenizer  # noqa: F401  asks for torch before the model is copied
     folder = _own(args.model)
     if not (folder / "tokenizer").is_dir():
         raise EchoAvatarError(
@@ -101,13 +99,13 @@ def _list(bundle: str) -> int:
 
 def _add(args: argparse.Namespace, folder: Path) -> None:
     from echoavatar.engine.pipeline.action_making import action_from_motion, set_from_motion
+    from echoavatar.engine.pipeline.bundle import Part
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar.files.exports import read_take
-    from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.motion.formats.joint_map import read_map
 
     library, chunk = _library(folder)
-    tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
+    tokenizer, rig = Part("tokenizer", folder=folder / "tokenizer").clip_tokenizer(chunk), Runtime.load(folder).rig
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
     clip, about = read_take(args.clip, read_map(args.map), args.animation).motion, args.about
     if rig is None:

@@ -18,6 +18,7 @@ from ctypes.util import find_library
 from pathlib import Path
 
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.nn.torch_backend import torch_backend
 
 from . import SEPARATE
 
@@ -40,10 +41,8 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "pxr": "usd",
     "pyvirtualcam": "camera",
     "ray": "ray",
-    "scipy": "torch",
     "shtab": "completion",
     "starlette": "serve",
-    "torch": "torch",
     "uvicorn": "serve",
     "websockets": "serve",
 }
@@ -74,14 +73,14 @@ def _python() -> list[Finding]:
 
 def _torch() -> list[Finding]:
     try:
-        torch = importlib.import_module("torch")
-    except ModuleNotFoundError:
-        remark = "absent, for GPUs, models of the paper's sizes and imported ones; pip install 'echoavatar[torch]'"
+        version, gpu = torch_backend("a GPU").describe()
+    except DependencyError:
+        remark = "absent, for GPUs, models of the paper's sizes and imported ones; pip install ./lab in a clone"
         return [(OPTIONAL, "torch", remark)]
     except (ImportError, OSError) as error:
         return [(BROKEN, "torch", f"does not load ({error}); pip install torch==2.13.0")]
-    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "none; the default bundle runs on the CPU"
-    return [(OK, "torch", torch.__version__), (OK if torch.cuda.is_available() else OPTIONAL, "gpu", gpu)]
+    gpu_found = (OK, "gpu", gpu) if gpu else (OPTIONAL, "gpu", "none; the default bundle runs on the CPU")
+    return [(OK, "torch", version), gpu_found]
 
 
 def _forbidden() -> list[Finding]:

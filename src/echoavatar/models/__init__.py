@@ -1,5 +1,5 @@
-"""The trained models, as they run: audio codec, quantiser, motion tokenizer, generator, face, fingers.
+"""The trained models, as they run without torch: sound, codes of clips, generator, face.
 
-May import `motion`, `nn` and below. Inside: `tokens` and `quantize` serve the others; `generator` may use `tokens`,
-`tokenizer` and `audio`; `face` hears what the codec hears.
+May import `motion`, `nn` and below. Inside: `tokens` serve `generator`; `face` hears what the codec
+hears. Their modules of torch are the lab's.
 """

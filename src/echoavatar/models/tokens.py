@@ -14,18 +14,15 @@ transformer loses or gains when it does not read the paper's window anew at ever
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Int
-    from torch import Tensor
-
 PARTS = 3  # lower body, upper body, hands
+UPPER = 1  # of these, the one whose first layer a directive names
 
 
 class TokenLayout(Config):
@@ -66,24 +63,6 @@ class TokenLayout(Config):
         """Period 3 Q of the motion grammar (Q where the body is one part)."""
         return self.parts * self.motion_layers
 
-    def audio_ids(self, codes: "Int[Tensor, 'b f l']") -> "Int[Tensor, 'b t']":
-        """Flatten audio codes (b, f, layers) into ids (b, f x layers): per frame layer 0, then layer 1."""
-        import torch
-
-        layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
-        return (codes.long() + layer).flatten(1)
-
-    def unflatten(self, flat: "Int[Tensor, 'b t']") -> "Int[Tensor, 'b n p q']":
-        """Codes (b, n x 3 Q) in grammar order (codes, not ids) to motion codes (b, n, 3, Q)."""
-        return flat.reshape(len(flat), -1, self.parts, self.motion_layers)
-
-    def motion_ids(self, codes: "Int[Tensor, 'b n p q']") -> "Int[Tensor, 'b t']":
-        """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
-        import torch
-
-        rows = torch.arange(self.segments, device=codes.device) * self.motion_codes + self.motion_base
-        return (codes.long().flatten(2) + rows).flatten(1)
-
     def segment_start(self, segment: int) -> int:
         """The id of code 0 in a segment of the motion grammar."""
         return self.motion_base + segment * self.motion_codes
@@ -117,14 +96,6 @@ class SequenceOrder(ABC):
         """Ids that a position sees, itself included; None where it sees the whole sequence."""
 
 
-def present(missing: "Int[Tensor, ' b']", chunks: int, each: int) -> "Bool[Tensor, 'b t']":
-    """False in the `missing` leading chunks of each row, of `chunks` chunks with `each` positions."""
-    import torch
-
-    chunk = torch.arange(chunks, device=missing.device).repeat_interleave(each)
-    return chunk >= missing[:, None]
-
-
 class Interleaved(SequenceOrder):
     """start, then per chunk 40 audio ids and 6 Q motion ids; a sliding band of `window_chunks` chunks."""
 
@@ -141,49 +112,6 @@ class Prefix(SequenceOrder):
     def lookback(self) -> None:
         """Within a window everything earlier is seen."""
         return None
-
-    def prompt(
-        self,
-        audio: "Int[Tensor, 'b f l']",
-        context: "Int[Tensor, 'b n p q']",
-        missing: "Int[Tensor, ' b']",
-        example: "Int[Tensor, 'b m'] | None" = None,
-    ) -> "tuple[Int[Tensor, 'b t'], Bool[Tensor, 'b t']]":
-        """Ids and validity of audio followed by as much motion as `context` holds.
-
-        `example` are the ids that a system prompt shows in front, -1 where a row has fewer (paper, Exemplar-Driven
-        Control); rows without any have no system prompt.
-        """
-        import torch
-
-        rows, device = audio.shape[0], audio.device
-        sound, moves = self.layout.audio_ids(audio), self.layout.motion_ids(context)
-        before, between = (
-            torch.tensor(ids, dtype=torch.int64, device=device).expand(rows, -1)
-            for ids in (self.layout.before_audio, self.layout.before_motion)
-        )
-        chunks = sound.shape[1] // self.audio_per_chunk
-        there = present(missing, chunks, self.audio_per_chunk)
-        moved = present(missing, chunks, self.motion_per_chunk)[:, : moves.shape[1]]
-        yes, also = torch.ones_like(before, dtype=torch.bool), torch.ones_like(between, dtype=torch.bool)
-        ids, valid = [before, sound, between, moves], [yes, there, also, moved]
-        if example is not None:
-            shown, is_shown = self._shown(example)
-            ids, valid = [shown, *ids], [is_shown, *valid]
-        return torch.cat(ids, dim=1), torch.cat(valid, dim=1)
-
-    def _shown(self, example: "Int[Tensor, 'b m']") -> "tuple[Int[Tensor, 'b t'], Bool[Tensor, 'b t']]":
-        """The system prompt of each row; it is invalid in rows without an example."""
-        import torch
-
-        rows, is_id = len(example), example >= 0
-        head, tail = (
-            torch.tensor(ids, dtype=torch.int64, device=example.device).expand(rows, -1)
-            for ids in (self.layout.before_example, self.layout.after_example)
-        )
-        any_ = is_id.any(1, keepdim=True)
-        valid = torch.cat([any_.expand(-1, head.shape[1]), is_id, any_.expand(-1, tail.shape[1])], dim=1)
-        return torch.cat([head, example.clamp(min=0), tail], dim=1), valid
 
 
 class Depth(SequenceOrder):

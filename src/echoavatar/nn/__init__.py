@@ -1,6 +1,6 @@
-"""Building blocks of the networks: the streaming contract and causal attention. May import `checkpoint` and below.
+"""How networks run: state, compiled kernels, exported graphs, and the door to the lab's torch.
 
-What needs torch is imported from its own module: the kernels of `motion` do without.
+May import `errors` and `cache`.
 """
 
 from .state import StreamState

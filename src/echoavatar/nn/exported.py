@@ -1,7 +1,7 @@
 """A streaming step that the lab exported as a graph: state in, state out, rows first. It needs no module of torch.
 
 The graph lies beside `model.safetensors`, whose weights it reads. Its name ends in a hash of that file and the config
-(`graph_file`). So a graph that was made from other weights is not found, and the torch module runs instead.
+(`graph_file`). So a graph that was made from other weights is not found, and the lab's module runs instead.
 """
 
 import hashlib
@@ -19,12 +19,12 @@ WEIGHTS = "model.safetensors"
 _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
 
 
-def graph_file(folder: Path) -> Path:
-    """Where the graph of a checkpoint lies, if it has one."""
+def graph_file(folder: Path, name: str = "step") -> Path:
+    """Where a graph of a checkpoint lies, if it has one."""
     with (folder / WEIGHTS).open("rb") as weights:
         digest = hashlib.file_digest(weights, "sha256")
     digest.update((folder / "config.json").read_bytes())
-    return folder / f"step-{digest.hexdigest()[:16]}.onnx"
+    return folder / f"{name}-{digest.hexdigest()[:16]}.onnx"
 
 
 @dataclass

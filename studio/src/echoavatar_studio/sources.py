@@ -12,13 +12,13 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import SOUND_SUFFIXES
-from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NpzArrays, read_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import Clip
+from echoavatar_lab.models.fingers.clips import on_our_rig
 
 from .clips import Performance, fit
 from .settings import SoundChoice, SystemChoice

@@ -14,13 +14,13 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.action_making import action_from_motion
 from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_generator
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, to_features
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
 from echoavatar_lab.evaluation.batch import animate_many
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
 
 
@@ -67,7 +67,7 @@ def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> No
     assert np.isfinite(done.motion.rotations).all()
     assert np.abs(np.diff(done.motion.rotations, axis=0)).max() > 1e-4
     with pytest.raises(MotionError, match="upper body"):
-        action_from_motion(whole, "sway", done.motion)
+        action_from_motion(whole.clips(), "sway", done.motion)
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:

@@ -21,11 +21,11 @@ from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import STAGES
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar_lab.models.generator.model import Generator
 
 EVERYONE = np.ones(1, np.bool_)
 HOST, GPU = torch.device("cpu"), torch.device("cuda", 0)

@@ -3,7 +3,7 @@
 import torch
 from transformers import EncodecConfig, EncodecModel
 
-from echoavatar.models.audio import AudioCodec
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.published import read_encodec
 
 TINY = {

@@ -4,7 +4,7 @@ import pytest
 import torch
 from tests.models.generator.tiny import audio, generator
 
-from echoavatar.models.generator import open_stream
+from echoavatar_lab.models.generator.stream import open_stream
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])

@@ -6,10 +6,11 @@ import torch
 from tests.models.generator.tiny import audio, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.models.generator.frozen import shapes
 from echoavatar.stored import Rounded, read_arrays
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.generator.stream import open_stream
 
 BOTH = np.ones(2, np.bool_)
 

@@ -7,10 +7,11 @@ from pydantic import ValidationError
 from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.manner import MANNER, TOLD, Manner, busy, draw_manner, raised
-from echoavatar.models.generator.manner_control import MannerControl
+from echoavatar_lab.models.generator.manner_control import MannerControl
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import build_sequences, code_logits, read
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import train

@@ -2,7 +2,8 @@
 
 import torch
 
-from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.generator import GeneratorConfig
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 
 LAYOUT = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8)

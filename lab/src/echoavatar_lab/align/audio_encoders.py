@@ -29,10 +29,11 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError
-from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.nn.blocks import FullBlock
+from echoavatar.models.audio import CodecConfig
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.audio.decoding import decode
+from echoavatar_lab.nn.blocks import FullBlock
 
 RATE_HZ = 16_000
 BANDS = 128

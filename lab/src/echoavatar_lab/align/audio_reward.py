@@ -24,11 +24,7 @@ from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.config import Config
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.tokenizer import FeatureStatistics
-from echoavatar.nn.blocks import FullBlock
 from echoavatar.stored import read_config
 from echoavatar.timing import (
     FRAMES_PER_MOTION_TOKEN,
@@ -37,6 +33,10 @@ from echoavatar.timing import (
     SAMPLES_PER_MOTION_TOKEN,
     exact_div,
 )
+from echoavatar_lab import checkpoint
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.nn.blocks import FullBlock
 
 from .audio_encoders import RATE_HZ, AudioEncoderConfig, Beats, TokenEncoder, Wav2Clip, WaveformEncoder, sinusoids
 from .decoded_motion import DecodedMotion

@@ -11,13 +11,13 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from echoavatar_lab.data import DOMAINS
 from echoavatar_lab.evaluation.metrics.retrieval import Retrieval, batched, chance, gallery, retrieval, similarity
 from echoavatar_lab.foreign.foreign_files import read_tensors
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.progress import Progress, watched
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 

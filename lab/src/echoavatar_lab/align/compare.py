@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from .policy import GeneratorPolicy, check_reference
 from .probe import DecodingJudge, Measurements, MotionMetrics, Probe, mean_and_error

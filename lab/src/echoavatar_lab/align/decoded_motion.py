@@ -16,7 +16,6 @@ from jaxtyping import Float, Int, Integer
 from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.stages.smoother import DELAY, FASTEST, SHOWN, STIFFNESS, shares
@@ -28,6 +27,7 @@ from echoavatar.timing import (
     MOTION_TOKENS_PER_CHUNK,
 )
 from echoavatar_lab.kinematics import forward_kinematics, from_features, matrix_from_quaternion, quaternion_from_matrix
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from .prompts import Prompt
 

@@ -27,11 +27,12 @@ from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.sampling import nucleus
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.generator.sampling import nucleus
 from echoavatar_lab.models.generator.sequences import build_sequences, segment_logits
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.progress import Progress
 
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of

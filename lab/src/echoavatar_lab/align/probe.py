@@ -15,8 +15,6 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from echoavatar.files.avatar.video import Shot, write_film
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.evaluation.measures import latent_moments
@@ -24,8 +22,10 @@ from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_bet
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.kinematics import from_features, quaternion_from_matrix
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.audio.decoding import decode
 from echoavatar_lab.models.tokenize import motion_of_codes
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from .decoded_motion import DecodedMotion, decode_continuations, decode_truth
 from .policy import GeneratorPolicy, exact_kl, mean_by_layer

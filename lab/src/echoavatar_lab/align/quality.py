@@ -23,14 +23,15 @@ from pydantic import Field
 from scipy.stats import pearsonr, spearmanr
 from torch import Tensor, nn
 
-from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
-from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics
-from echoavatar.nn.blocks import FullBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.checkpoint import Checkpointed
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler, corrupt_hierarchically, corrupt_uniformly
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
+from echoavatar_lab.nn.blocks import FullBlock, Mlp
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 from .corruption import CLEAN, STRENGTHS, Corruption, Degradation, degraded, paper_scores

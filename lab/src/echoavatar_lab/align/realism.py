@@ -17,7 +17,6 @@ from pydantic import Field
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import CHUNK_SECONDS, FRAME_RATE_HZ
 from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit, held_out_accuracy
 from echoavatar_lab.evaluation.metrics.liveliness import (
@@ -32,6 +31,7 @@ from echoavatar_lab.evaluation.metrics.liveliness import (
     of_common_height,
 )
 from echoavatar_lab.evaluation.takes import Take
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.progress import Progress
 
 from .decoded_motion import DecodedMotion, decode_continuations

@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.training import Loss, adamw
 
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of

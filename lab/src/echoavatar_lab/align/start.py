@@ -9,13 +9,13 @@ from typing import Any
 
 from echoavatar.engine.pipeline import Bundle, load_bundle
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.stored import read_card
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.progress import Progress
 from echoavatar_lab.training import has_state, train
 from echoavatar_lab.training.metrics_log import FILE, append_metrics, read_metrics

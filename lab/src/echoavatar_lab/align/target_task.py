@@ -11,11 +11,11 @@ from torch import Tensor
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import MotionError
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH, body_points
 from echoavatar_lab.evaluation.takes import Take
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.training import Loss
 
 from .batch_motion import liveliness

@@ -24,10 +24,10 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from echoavatar.config import Config
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, POINTS, SPEECH, STATISTICS
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from .batch_motion import hands_still, liveliness, of_common_height, smoothed, timing
 from .decoded_motion import decode_behind

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.paper import RL
 from echoavatar_lab.training import Gather, Schedule, TrainingConfig, TrainingTask, adamw
 

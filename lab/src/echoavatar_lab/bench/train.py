@@ -16,11 +16,12 @@ import numpy as np
 import torch
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.data.corpus import ClipMotion
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenizer.train import TokenizerTask, TokenizerTraining

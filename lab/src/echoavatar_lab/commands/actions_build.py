@@ -9,8 +9,8 @@ from echoavatar.errors import EchoAvatarError
 def run(args: argparse.Namespace) -> int:
     """Make the actions of `args.model`, a bundle's folder, and save them there."""
     from echoavatar.engine.pipeline.runtime import Runtime
-    from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
+    from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
     folder = Path(args.model)
     if Runtime.load(folder).rig is not None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from echoavatar.cli.options import seed
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.generator import Generator
 from echoavatar.stored import read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab import paper
@@ -23,6 +22,7 @@ from echoavatar_lab.align.target_task import target_task
 from echoavatar_lab.align.trainer import AlignTraining, recipe
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.people import read_people
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.progress import Progress, progress_bar
 
 from . import align_rewards

@@ -9,7 +9,6 @@ from typing import Any, get_args
 from echoavatar.cli.options import seed
 from echoavatar.engine.pipeline import Bundle, load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator
 from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab import paper
 from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
@@ -38,6 +37,7 @@ from echoavatar_lab.align.quality import (
 from echoavatar_lab.align.realism import fit_realism
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.people import read_people
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.progress import Progress, progress_bar
 from echoavatar_lab.training import train

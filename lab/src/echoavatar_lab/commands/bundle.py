@@ -54,11 +54,11 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False, has_graphs: b
     A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made. Raises
     EchoAvatarError if a part is missing or damaged.
     """
-    from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.generator import Generator
-    from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.stored import read_card
+    from echoavatar_lab.models.audio.codec import AudioCodec
     from echoavatar_lab.models.face.model import FaceModel
+    from echoavatar_lab.models.generator.model import Generator
+    from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]

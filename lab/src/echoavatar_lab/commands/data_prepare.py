@@ -180,8 +180,8 @@ def _print_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed
 
 
 def _write_tokens(args: argparse.Namespace) -> None:
-    from echoavatar.models.audio import AudioCodec
     from echoavatar_lab.data import Corpus
+    from echoavatar_lab.models.audio.codec import AudioCodec
     from echoavatar_lab.models.tokenize import tokenize_corpus
     from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 

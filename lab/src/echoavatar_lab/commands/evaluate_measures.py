@@ -15,7 +15,6 @@ from echoavatar.engine.pipeline.bundle import shipped
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
-from echoavatar.models.generator import Generator
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.rehearsal.corpus import TEST_EVERY, Plan, make_clip
 from echoavatar_lab.data import Clip, Corpus
@@ -43,6 +42,7 @@ from echoavatar_lab.evaluation.table import as_json, as_text
 from echoavatar_lab.evaluation.takes import Sound, Take, perform, read_sounds
 from echoavatar_lab.evaluation.test_split import claim_test
 from echoavatar_lab.models.audio.recordings import MANIFEST, decoded, recorded_files
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.progress import progress_bar
 from echoavatar_lab.tables.run import commit

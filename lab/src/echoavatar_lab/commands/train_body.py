@@ -9,13 +9,15 @@ from typing import Any
 
 from echoavatar.config import Config
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
-from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.audio import CodecConfig
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
 from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip, shared_encoding

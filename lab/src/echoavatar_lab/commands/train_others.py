@@ -14,8 +14,6 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.face import FaceConfig
-from echoavatar.models.fingers import FingerConfig, FingerModel
-from echoavatar.models.fingers.clips import FingerClip, finger_clip
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion
 from echoavatar.stored import read_card
@@ -31,7 +29,9 @@ from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
 from echoavatar_lab.models.face.clip import load_clips
 from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import FaceTask, FaceTraining
-from echoavatar_lab.models.fingers import FingerTask, FingerTraining
+from echoavatar_lab.models.fingers.clips import FingerClip, finger_clip
+from echoavatar_lab.models.fingers.model import FingerConfig, FingerModel
+from echoavatar_lab.models.fingers.train import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert
 from echoavatar_lab.training import train
 

@@ -3,14 +3,9 @@
 Hand speeds are measured in the frame of the hips (position and heading), so that walking does not count as gesturing.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
-from echoavatar.models.tokenizer import CONSTANT_STD, FeatureStatistics
 from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
 from echoavatar.motion.kinematics.rotations import angle_between
@@ -112,21 +107,3 @@ def _standing_heights(motion: Motion, bones: dict[str, int]) -> _Array | None:
 def _speed(places: _Array, fps: float) -> _Array:
     speed: _Array = np.linalg.norm(np.diff(places, axis=0), axis=-1) * fps
     return speed
-
-
-def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
-    """Mean and deviation over all frames of all clips, in double precision, with one clip in memory at a time."""
-    count, mean, square = 0, torch.zeros(()), torch.zeros(())
-    for clip in clips:
-        frames = clip.double()
-        new, new_mean = frames.shape[0], frames.mean(0)
-        new_square = (frames - new_mean).square().sum(0)
-        total = count + new
-        shift = new_mean - mean
-        square = square + new_square + shift.square() * (count * new / total)
-        mean = mean + shift * (new / total)
-        count = total
-    if not count:
-        raise ValueError("there are no clips to measure")
-    std = (square / count).sqrt()
-    return FeatureStatistics(mean.float(), std.float(), std >= CONSTANT_STD)

@@ -26,9 +26,6 @@ from echoavatar.config import Config
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
-from echoavatar.models.fingers import load_shipped, refine_fingers
-from echoavatar.models.fingers.clips import FROZEN_DEG_S
-from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.motion import resample
@@ -42,6 +39,9 @@ from echoavatar_lab.data import Clip
 from echoavatar_lab.data.corpus import checksum, count_domains
 from echoavatar_lab.data.statistics import describe
 from echoavatar_lab.foreign.smpl import read_smplx
+from echoavatar_lab.models.fingers.clips import FROZEN_DEG_S
+from echoavatar_lab.models.fingers.model import load_shipped
+from echoavatar_lab.models.fingers.refine import finger_joints, refine_fingers
 
 from .lda import SUFFIX, read_lda
 from .retargeted import annotate_rig, fidelity, keep_hand_contact

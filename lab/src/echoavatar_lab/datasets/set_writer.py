@@ -22,7 +22,7 @@ from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
 from echoavatar_lab.data.corpus import MANIFEST_BYTES, MANIFEST_VALUES, MIRROR, ClipEntry, can_mirror, write_shard
-from echoavatar_lab.data.statistics import measure_features
+from echoavatar_lab.data.feature_statistics import measure_features
 
 from .prepare_recording import Receipt, part_path
 from .source import SetOptions, Terms

@@ -24,9 +24,6 @@ from jaxtyping import Int
 from torch import Tensor
 
 from echoavatar.engine.pipeline import Bundle, Pipeline
-from echoavatar.models.fingers.clips import on_our_rig
-from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.motion_chunk import join_batches
@@ -35,10 +32,14 @@ from echoavatar.motion.stages.post import Post
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
 from echoavatar_lab.kinematics import from_features
+from echoavatar_lab.models.fingers.clips import on_our_rig
 from echoavatar_lab.models.generator.losses import nll_by_domain
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, motion_codes, motion_of_codes
 from echoavatar_lab.models.tokenizer.measure import code_usage
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import whole_features
 from echoavatar_lab.progress import Progress, watched
 

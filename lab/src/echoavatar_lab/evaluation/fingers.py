@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from echoavatar.models.fingers.clips import FINGERS, FingerClip, HandBasis, finger_rotations, hand_poses
-from echoavatar.models.fingers.model import STEPS, FingerModel, sample_hands
-from echoavatar.models.fingers.refine import smoothed
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import angle_between
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.models.fingers.clips import FINGERS, FingerClip, HandBasis, finger_rotations, hand_poses
+from echoavatar_lab.models.fingers.model import STEPS, FingerModel, sample_hands
+from echoavatar_lab.models.fingers.refine import smoothed
 
 from .metrics.distributions import frechet_distance
 

@@ -23,7 +23,6 @@ from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
-from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.smpl import is_smpl
 from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
@@ -35,6 +34,7 @@ from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.models.fingers.clips import on_our_rig
 from echoavatar_lab.progress import Progress, watched
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")

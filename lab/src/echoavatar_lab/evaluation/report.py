@@ -15,12 +15,12 @@ from jaxtyping import Float, Int
 
 from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, ChunkSize
 from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH, Clip
 from echoavatar_lab.evaluation.batch import animate_many
+from echoavatar_lab.models.fingers.clips import on_our_rig
 from echoavatar_lab.progress import Progress, watched
 
 from .beat_rows import ClipAudio, alignment_row, at_rate, dance_rows, event_rows, gesture_rows

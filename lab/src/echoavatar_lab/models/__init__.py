@@ -1,4 +1,4 @@
-"""Training of the models of `echoavatar.models`: windows, losses and tasks, one folder a model.
+"""The models as modules of torch, their training and their export, one folder a model.
 
-May import `data`, `training`, `foreign`, `held_folder`, `paper`, `progress` and `echoavatar`.
+May import `data`, `training`, `foreign`, `nn`, `checkpoint`, `held_folder`, `paper`, `progress` and `echoavatar`.
 """

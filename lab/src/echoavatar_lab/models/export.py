@@ -17,16 +17,16 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.nn import StreamState
 from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar.stored import read_config
 from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.whole_file import write_whole
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.face.encoder import MelEncoder
 from echoavatar_lab.models.face.model import FaceModel
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 OPSET = 23  # has attention as one operation
 ROWS = 2  # of the examples that are traced; a graph takes any number
@@ -51,10 +51,10 @@ class _Step(nn.Module):
 
 
 def export_bundle(folder: Path) -> None:
-    """Write the graphs of a bundle's codec, tokenizer and face. Raises as `export_step`."""
+    """Write the graphs of a bundle's codec, tokenizer (both ways) and face. Raises as `export_step`."""
     chunk = ChunkSize(read_config(folder / "generator", GeneratorConfig).step)
     export_codec(folder / "codec", chunk)
-    export_decoder(folder / "tokenizer", chunk)
+    export_tokenizer(folder / "tokenizer", chunk)
     if (folder / "face").is_dir():
         export_ear(folder / "face")
 
@@ -65,12 +65,16 @@ def export_codec(folder: Path, chunk: ChunkSize) -> Path:
     return export_step(folder, codec, codec.step, codec.init_state, sound)
 
 
-def export_decoder(folder: Path, chunk: ChunkSize) -> Path:
-    """Write the graph of a tokenizer's decoder: codes of a chunk to features. Raises as `export_step`."""
+def export_tokenizer(folder: Path, chunk: ChunkSize) -> tuple[Path, Path]:
+    """Write the graphs of a tokenizer: codes of a chunk to features, and features to codes. Raises as `export_step`."""
     tokenizer = BodyTokenizer.load(folder)
     config = tokenizer.config
     codes = torch.randint(config.codes, (ROWS, chunk.tokens, len(config.parts), config.layers))
-    return export_step(folder, tokenizer, tokenizer.decode_step, tokenizer.init_decoder, codes)
+    features = tokenizer.decode(codes)
+    return (
+        export_step(folder, tokenizer, tokenizer.decode_step, tokenizer.init_decoder, codes),
+        export_step(folder, tokenizer, tokenizer.encode_step, tokenizer.init_encoder, features, name="encoder"),
+    )
 
 
 def export_ear(folder: Path) -> Path | None:
@@ -91,6 +95,8 @@ def export_step(
     step: Callable[[Tensor, Any, Tensor], Tensor],
     init_state: Callable[[int], StreamState],
     x: Tensor,
+    *,
+    name: str = "step",
 ) -> Path:
     """Write the graph of a step for inputs like `x`, of any number of rows, into the checkpoint's folder.
 
@@ -100,6 +106,7 @@ def export_step(
         step: the step, which may use nothing but `owner`.
         init_state: makes its state.
         x: an example of its input, of several rows.
+        name: the graph's, before the hash.
 
     Raises:
         EchoAvatarError: the graph does not compute what the step computes.
@@ -132,9 +139,9 @@ def export_step(
         program.save(Path(scratch) / "graph.onnx", external_data=False)
         graph = onnx.load(Path(scratch) / "graph.onnx")
     _read_from_checkpoint(graph, folder / "model.safetensors")
-    for old in folder.glob("step-*.onnx"):
+    for old in folder.glob(f"{name}-*.onnx"):
         old.unlink()
-    path = graph_file(folder)
+    path = graph_file(folder, name)
     write_whole(path, graph.SerializeToString())
     _compare(ExportedStep(path), step, init_state, x)
     return path

@@ -19,14 +19,15 @@ from torch.nn.utils import parametrize
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file, read_bytes
-from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.audio import CodecConfig
 from echoavatar.models.audio.codec_config import CODE_LAYERS
 from echoavatar.models.face import HubertConfig
-from echoavatar.models.generator.model import Generator
 from echoavatar.stored import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.foreign_files import check_torch_file
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.face.encoder import HubertEncoder, find_transformers
+from echoavatar_lab.models.generator.model import Generator
 
 _MODULES, _PARAMETERS, _NUMBERS = 3_000, 5_000, 1 << 33  # Qwen2.5 and HuBERT have some hundred modules
 

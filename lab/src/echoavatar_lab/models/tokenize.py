@@ -27,10 +27,8 @@ from torch import Tensor
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object
-from echoavatar.models.audio import AudioCodec, LevelControl
-from echoavatar.models.generator import Generator, open_stream
+from echoavatar.models.audio import LevelControl
 from echoavatar.models.generator.manner import BUSY_S, HIGH_S, TOLD, Manner, busy, raised
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import (
@@ -44,8 +42,12 @@ from echoavatar.timing import (
 from echoavatar_lab.data import DOMAINS, Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.codebook_training import steady_codes
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.quantize import steady_codes
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import whole_features
 from echoavatar_lab.progress import Progress, watched
 

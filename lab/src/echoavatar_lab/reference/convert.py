@@ -6,18 +6,18 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from echoavatar import checkpoint
 from echoavatar.engine.pipeline import ActionLibrary
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import CheckpointError
-from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import make_output_folder, write_whole
+from echoavatar_lab import checkpoint
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.face.model import FaceModel
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from .expected_tensors import from_reference
 from .inspection import Inspection

@@ -11,10 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar.models.face import HubertConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import MotionTokenizer
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar_lab.models.face.encoder import HubertEncoder
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokenizer.model import MotionTokenizer
 
 Shape = tuple[int, ...]
 Shapes = dict[str, Shape]

@@ -17,9 +17,9 @@ from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
 from echoavatar.models.face import FaceConfig
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokenizer import FeatureStatistics
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, SkeletonConfig
+from echoavatar_lab.data.feature_statistics import FeatureStatistics
 from echoavatar_lab.foreign.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
 from echoavatar_lab.models.face.train import paper_face
 

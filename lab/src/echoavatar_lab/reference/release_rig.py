@@ -16,10 +16,10 @@ import torch
 
 from echoavatar.engine.pipeline.foreign_rig import Matrix, RigConfig
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import CONSTANT_STD, FeatureStatistics
 from echoavatar.motion.ik import SwingConfig
 from echoavatar.motion.kinematics import Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.features import TRAVEL_SIZE, travel_slice
+from echoavatar_lab.data.feature_statistics import CONSTANT_STD, FeatureStatistics
 
 CM = 0.01
 AXES: Matrix = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # theirs: Z up, facing -Y, left +X

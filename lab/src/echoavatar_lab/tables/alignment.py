@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.generator import Generator
 from echoavatar.motion.kinematics import Motion
 from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.audio_reward_train import (
@@ -42,6 +41,7 @@ from echoavatar_lab.align.start import AlignmentSetup, make_pairs, training_task
 from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, recipe
 from echoavatar_lab.data import SoundSet
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import tokenize_sounds
 from echoavatar_lab.paper import REWARDS

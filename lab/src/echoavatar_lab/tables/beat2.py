@@ -24,8 +24,6 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.files.exports.smplx import write_smplx
 from echoavatar.files.exports.take import Take
 from echoavatar.models.audio import write_wav
-from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
@@ -39,6 +37,8 @@ from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.evaluation.report import fid_row
 from echoavatar_lab.evaluation.table import Row, row_of_means
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.training import train
 
 from .experiment import Experiment, Sources, want_test_clips

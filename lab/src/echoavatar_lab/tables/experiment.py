@@ -15,9 +15,7 @@ import numpy as np
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object_file
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.timing import SAMPLES_PER_FRAME
@@ -27,10 +25,13 @@ from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 from echoavatar_lab.held_folder import hold_folder
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import TokenSettings
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import TokenizerTraining, as_one_part, body_config
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.paper import TOKENS
@@ -153,7 +154,8 @@ class Experiment:
             return AudioCodec.load(self.sources.codec).eval()
         from echoavatar.engine.pipeline import load_bundle
 
-        return load_bundle("default").codec
+        codec: AudioCodec = load_bundle("default").codec
+        return codec
 
     @cached_property
     def extractor(self) -> Extractor:

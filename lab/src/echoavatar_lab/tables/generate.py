@@ -18,15 +18,16 @@ from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import MotionError
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.motion_folder import motion_files, read_motion_file
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.generator.stream import open_stream
 from echoavatar_lab.models.tokenize import audio_codes, motion_of_codes
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.progress import Progress, watched
 
 Sounds = Mapping[int, Float[np.ndarray, " s"]]

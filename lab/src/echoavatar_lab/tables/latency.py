@@ -18,16 +18,18 @@ from echoavatar.bench.stream import StreamReport, bench_stream
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.audio import CodecConfig
 from echoavatar.models.face import FaceConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.nn.device import threads
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.models.face.train import paper_face
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import body_config
 from echoavatar_lab.paper import CODEC
 

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import SAMPLES_PER_FRAME
@@ -22,6 +21,7 @@ from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.kinematics import from_features, quaternion_from_matrix
 from echoavatar_lab.models.generator.losses import nll_by_domain
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .experiment import Experiment

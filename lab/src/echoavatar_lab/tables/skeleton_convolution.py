@@ -28,11 +28,11 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.stored import read_config
+from echoavatar_lab import checkpoint
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
 from echoavatar_lab.kinematics import matrix_from_quaternion
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded

@@ -25,7 +25,6 @@ from torch import Tensor, nn
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio import AudioCodec
 from echoavatar.models.audio.codec_config import CODE_LAYERS
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.corpora.music.beat_tracker import onset_strength, track_beats
@@ -34,6 +33,7 @@ from echoavatar_lab.corpora.rehearsal.recorded_sound import RecordedSound
 from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack
+from echoavatar_lab.models.audio.codec import AudioCodec
 from echoavatar_lab.models.audio.mel import log_mel
 from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 from echoavatar_lab.models.tokenize import audio_codes

@@ -22,7 +22,7 @@ the rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoi
 A task whose batches depend on its own weights (rollouts) may use the weights in `draw`. It may also use torch's global
 generator, whose state is saved, and save further state through `state` and `load_state`. See `task` for all hooks.
 
-The live pipeline does not import this room. May import `held_folder`, `progress` and `echoavatar`.
+The live pipeline does not import this room. May import `nn`, `checkpoint`, `held_folder`, `progress` and `echoavatar`.
 """
 
 from .loop import Loop

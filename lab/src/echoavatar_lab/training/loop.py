@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.nn.graphs import capture_cuda
 from echoavatar.whole_file import make_output_folder
+from echoavatar_lab.nn.graphs import capture_cuda
 
 from . import state
 from .muon import multiplies_bfloat16

@@ -15,12 +15,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import check_file
 from echoavatar.stored import LARGEST_WEIGHTS_BYTES
 from echoavatar.whole_file import whole_file
+from echoavatar_lab import checkpoint
 
 from .processes import full_tensor, placed_like
 

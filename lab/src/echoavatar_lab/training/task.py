@@ -17,8 +17,8 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.config import Config
+from echoavatar_lab import checkpoint
 
 from .processes import Processes
 

@@ -22,6 +22,7 @@ from echoavatar_lab.models.generator.losses import (
 )
 from echoavatar_lab.models.generator.sequences import build_sequences, read
 from echoavatar_lab.models.generator.windows import TokenClip, Window, WindowSampler
+from echoavatar_lab.models.tokens import audio_ids, motion_ids
 
 
 def batch(model, missing=0):
@@ -76,7 +77,7 @@ WINDOW = WindowSampler(clips(), chunks=3).batch(0, 2)
 def test_each_position_is_scored_under_the_codes_it_may_hold():
     """Against a naive loop: the code at (frame, layer) from all ids before it, under that layer's rows of the head."""
     model = generator()
-    ids = torch.cat([torch.zeros(2, 1, dtype=torch.int64), LAYOUT.audio_ids(WINDOW.audio)], 1)
+    ids = torch.cat([torch.zeros(2, 1, dtype=torch.int64), audio_ids(LAYOUT, WINDOW.audio)], 1)
     nll = stream_nll(model, WINDOW)
     for frame, layer in ((0, 0), (0, 1), (7, 1), (40, 0)):
         at = 2 * frame + layer
@@ -85,7 +86,7 @@ def test_each_position_is_scored_under_the_codes_it_may_hold():
         logits = hidden @ model.lm_head.weight[first : first + LAYOUT.audio_codes].T
         expected = F.cross_entropy(logits, WINDOW.audio[:, frame, layer], reduction="none")
         torch.testing.assert_close(nll.audio[:, frame, layer], expected, rtol=1e-4, atol=1e-5)
-    moves = torch.cat([torch.zeros(2, 1, dtype=torch.int64), LAYOUT.motion_ids(WINDOW.motion)], 1)
+    moves = torch.cat([torch.zeros(2, 1, dtype=torch.int64), motion_ids(LAYOUT, WINDOW.motion)], 1)
     hidden = model(moves[:, : 6 * 2 + 4])[:, -1]  # before segment 3 of time step 2: upper body, layer 1
     first = LAYOUT.segment_start(3)
     logits = hidden @ model.lm_head.weight[first : first + LAYOUT.motion_codes].T

@@ -4,6 +4,7 @@ import torch
 
 from echoavatar.models.tokens import Depth, Interleaved, Prefix
 from echoavatar_lab.models.generator.sequences import build_sequences, compact_layout, heard_at
+from echoavatar_lab.models.tokens import audio_ids, motion_ids
 
 LAYOUT = compact_layout(audio_codes=7, motion_layers=2, motion_codes=5)  # 6 segments, 12 motion ids a chunk
 NONE = torch.zeros(1, dtype=torch.int64)
@@ -30,8 +31,8 @@ def test_interleaved_puts_each_chunk_of_audio_before_its_motion():
     sequences = build_sequences(Interleaved(LAYOUT, 15), audio, motion, motion, NONE)
     whole = [0]
     for chunk in range(3):
-        whole += LAYOUT.audio_ids(audio[:, 20 * chunk : 20 * chunk + 20])[0].tolist()
-        whole += LAYOUT.motion_ids(motion[:, 2 * chunk : 2 * chunk + 2])[0].tolist()
+        whole += audio_ids(LAYOUT, audio[:, 20 * chunk : 20 * chunk + 20])[0].tolist()
+        whole += motion_ids(LAYOUT, motion[:, 2 * chunk : 2 * chunk + 2])[0].tolist()
     assert sequences.ids[0].tolist() == whole[:-1]
     check_predictors(sequences, whole, motion)
 
@@ -39,7 +40,7 @@ def test_interleaved_puts_each_chunk_of_audio_before_its_motion():
 def test_prefix_puts_all_audio_before_all_motion():
     audio, motion = codes(3)
     sequences = build_sequences(Prefix(LAYOUT, 3), audio, motion, motion, NONE)
-    whole = [1, *LAYOUT.audio_ids(audio)[0].tolist(), 2, *LAYOUT.motion_ids(motion)[0].tolist()]
+    whole = [1, *audio_ids(LAYOUT, audio)[0].tolist(), 2, *motion_ids(LAYOUT, motion)[0].tolist()]
     assert sequences.ids[0].tolist() == whole[:-1]
     assert bool(sequences.valid.all())
     check_predictors(sequences, whole, motion)
@@ -66,7 +67,7 @@ def test_the_place_where_a_frame_has_been_heard_holds_its_last_code():
     audio, motion = codes(3)
     for order in (Interleaved(LAYOUT, 15), Prefix(LAYOUT, 3)):
         ids = build_sequences(order, audio, motion, motion, NONE).ids[0]
-        assert torch.equal(ids[heard_at(order, 3)], LAYOUT.audio_ids(audio)[0].view(-1, 2)[:, 1])
+        assert torch.equal(ids[heard_at(order, 3)], audio_ids(LAYOUT, audio)[0].view(-1, 2)[:, 1])
 
 
 def test_the_depth_order_puts_each_frames_sound_before_its_motion_and_counts_hidden_states():
@@ -76,8 +77,8 @@ def test_the_depth_order_puts_each_frames_sound_before_its_motion_and_counts_hid
     motion = torch.arange(24).view(1, 4, 3, 2) % 8
     made = build_sequences(order, audio, motion, motion, torch.tensor([1]))
     frames = made.ids.view(4, 26)
-    assert torch.equal(frames[:, :20].reshape(1, -1), layout.audio_ids(audio))
-    assert torch.equal(frames[:, 20:].reshape(1, -1), layout.motion_ids(motion))
+    assert torch.equal(frames[:, :20].reshape(1, -1), audio_ids(layout, audio))
+    assert torch.equal(frames[:, 20:].reshape(1, -1), motion_ids(layout, motion))
     assert made.predictors[:, 1].tolist() == [6, 7, 8, 9, 10, 11]
     assert made.targets[0, :, 1].tolist() == motion[0, 1].flatten().tolist()
     assert made.mask.tolist() == [[False, False, True, True]]

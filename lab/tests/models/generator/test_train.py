@@ -8,8 +8,8 @@ from tests.models.generator.tiny import LAYOUT, config, generator
 from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator
 from echoavatar_lab.models.generator.losses import nll_by_domain
+from echoavatar_lab.models.generator.model import Generator
 from echoavatar_lab.models.generator.sequences import build_sequences
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining, align_embeddings
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler

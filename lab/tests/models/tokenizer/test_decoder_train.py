@@ -6,12 +6,12 @@ from tests.models.motion_tokens import dance, small_body
 from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.stored import read_card
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.models.quantize import steady_codes
+from echoavatar_lab.models.codebook_training import steady_codes
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import clip_features
 from echoavatar_lab.training import train
 

@@ -2,9 +2,9 @@ import pytest
 import torch
 from tests.models.motion_tokens import dance, small_config
 
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.models.tokenizer.measure import code_usage, measure
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.models.tokenizer.train import clip_features
 
 

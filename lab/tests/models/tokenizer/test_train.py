@@ -4,12 +4,12 @@ from tests.models.motion_tokens import dance, small_config
 from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.stored import read_card
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.losses import LossWeights
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer, MotionTokenizer
 from echoavatar_lab.models.tokenizer.train import (
     ROTATION_FLOOR,
     TokenizerTask,

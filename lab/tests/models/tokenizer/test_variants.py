@@ -5,8 +5,8 @@ from tests.laws.streaming import hold
 from tests.models.motion_tokens import fill
 
 from echoavatar.models.tokenizer_config import MotionTokenizerConfig
-from echoavatar.nn.blocks import CausalBlock
 from echoavatar_lab.models.tokenizer.variants import AnyTokenizer, CausalConvBlock, CausalConvolution
+from echoavatar_lab.nn.blocks import CausalBlock
 
 CONFIG = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)
 

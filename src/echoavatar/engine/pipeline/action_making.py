@@ -7,15 +7,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.engine.pipeline.actions import NAME, Action
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
 from echoavatar.errors import MotionError
-from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.clip_tokenizer import ClipTokenizer
+from echoavatar.models.tokens import UPPER
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.motion.kinematics import Motion, Skeleton, from_features, to_features
 from echoavatar.motion.kinematics.easing import smootherstep
@@ -37,7 +35,7 @@ SMALLEST = 0.06  # radians; less is not worth keeping
 
 
 def action_from_motion(
-    tokenizer: BodyTokenizer,
+    tokenizer: ClipTokenizer,
     name: str,
     motion: Motion,
     *,
@@ -61,9 +59,8 @@ def action_from_motion(
     return Action(plain, codes, (begin, end), about or plain.replace("_", " "), asked, overlay, chunk=chunk)
 
 
-@torch.inference_mode()
 def set_from_motion(
-    tokenizer: BodyTokenizer,
+    tokenizer: ClipTokenizer,
     rig: RigConfig,
     name: str,
     motion: Motion,
@@ -84,7 +81,7 @@ def set_from_motion(
     at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
     whole = replace(motion, rotations=motion.rotations[at], root=motion.root[at])
     features = RigAdapter(rig, skeleton, "native").features_of(whole)
-    codes = tokenizer.encode(torch.from_numpy(features)[None])[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    codes = tokenizer.encode(features)[lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
     rate = FRAME_RATE_HZ / FRAMES_PER_MOTION_TOKEN
     begin = min(int(first * rate), len(codes) - 1)
@@ -94,9 +91,8 @@ def set_from_motion(
     return Action(plain, members, (0, length), about or plain.replace("_", " "), is_set=True, chunk=chunk)
 
 
-@torch.inference_mode()
 def read_clip(
-    tokenizer: BodyTokenizer, motion: Motion, chunk: ChunkSize = CHUNK
+    tokenizer: ClipTokenizer, motion: Motion, chunk: ChunkSize = CHUNK
 ) -> tuple[tuple[int, ...], Overlay | None]:
     """First-layer upper-body codes of a clip, whole chunks, and the motion of torso and head that they do not express.
 
@@ -114,12 +110,12 @@ def read_clip(
     still = rotations.copy()
     trunk = [skeleton.index(name) for name in TORSO if name in skeleton.names and "Shoulder" not in name]
     still[:, trunk] = rotations[:1, trunk]  # bowed trunks have codes of their own, which turn the arms out
-    codes = tokenizer.encode(torch.from_numpy(to_features(skeleton, still, motion.root[at]))[None])
-    coarse = torch.full_like(codes, -1)
-    coarse[:, :, UPPER, 0] = codes[:, :, UPPER, 0]
-    said = from_features(skeleton, tokenizer.decode(coarse)[0].numpy()).rotations
+    codes = tokenizer.encode(to_features(skeleton, still, motion.root[at]))
+    coarse = np.full_like(codes, -1)
+    coarse[:, UPPER, 0] = codes[:, UPPER, 0]
+    said = from_features(skeleton, tokenizer.decode(coarse)).rotations
     turns = axis_angle_from_quaternion(quaternion_from_matrix(said.mT @ rotations))[lead:]
-    first = codes[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    first = codes[lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     return tuple(first.tolist()), _overlay(skeleton, turns)
 
 
@@ -127,13 +123,21 @@ def _overlay(skeleton: Skeleton, turns: Float[np.ndarray, "t j 3"]) -> Overlay |
     """Smoothed turns of torso and head, from nothing to nothing; None where they are too small to see."""
     joints = [name for name in TORSO if name in skeleton.names]
     own = turns[:, [skeleton.index(name) for name in joints]]
-    own = gaussian_filter1d(own - np.median(own[-EDGE:], axis=0), SMOOTH_FRAMES, axis=0)
+    own = _smooth(own - np.median(own[-EDGE:], axis=0))
     edge = smootherstep(np.clip((np.arange(len(own)) + 1) / EDGE, 0, 1)).astype(np.float32)
     own = own * (edge * edge[::-1])[:, None, None]
     seen = [at for at in range(len(joints)) if np.abs(own[:, at]).max() > SMALLEST]
     if not seen:
         return None
     return Overlay(tuple(joints[at] for at in seen), own[:, seen].astype(np.float32))
+
+
+def _smooth(turns: Float[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t j 3"]:
+    """A Gaussian filter over time, with the ends mirrored."""
+    reach = round(4 * SMOOTH_FRAMES)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SMOOTH_FRAMES) ** 2)
+    padded = np.pad(turns, ((reach, reach), (0, 0), (0, 0)), "symmetric")
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, len(weights), 0) @ (weights / weights.sum()))
 
 
 def _plain(name: str, motion: Motion) -> str:

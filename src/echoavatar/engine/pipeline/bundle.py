@@ -11,40 +11,35 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio.codec_config import CodecConfig
+from echoavatar.models.clip_tokenizer import ClipTokenizer
 from echoavatar.models.face.config import FaceConfig
 from echoavatar.models.generator.config import GeneratorConfig, qwen_half_billion
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.post import SWITCHES, refuse_unknown
-from echoavatar.nn.device import need_torch
 from echoavatar.nn.exported import ExportedStep, graph_file
+from echoavatar.nn.torch_backend import torch_backend
 from echoavatar.stored import Stored, read_arrays, read_card, read_config
 from echoavatar.timing import CHUNK_SECONDS, ChunkSize
 
 from .actions import ActionLibrary
 from .runtime import Runtime
 
-if TYPE_CHECKING:
-    from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.generator import Generator
-    from echoavatar.models.tokenizer import BodyTokenizer
-
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
-_KINDS: dict[str, tuple[type[Config], str, str]] = {  # config; file and name of the module
-    "codec": (CodecConfig, "echoavatar.models.audio", "AudioCodec"),
-    "tokenizer": (BodyTokenizerConfig, "echoavatar.models.tokenizer", "BodyTokenizer"),
-    "generator": (GeneratorConfig, "echoavatar.models.generator", "Generator"),
-    FACE: (FaceConfig, "echoavatar_lab.models.face.model", "FaceModel"),
+_KINDS: dict[str, type[Config]] = {
+    "codec": CodecConfig,
+    "tokenizer": BodyTokenizerConfig,
+    "generator": GeneratorConfig,
+    FACE: FaceConfig,
 }
 _OPEN = ExitStack()  # of folders that are unpacked until the process ends
 atexit.register(_OPEN.close)
@@ -61,32 +56,30 @@ class Part:
     def __init__(self, name: str, *, folder: Path | None = None, module: Any = None) -> None:
         """One of both. Raises CheckpointError if the folder has no config."""
         self.name, self._folder, self._made = name, folder, module
-        self.config: Any = module.config if folder is None else read_config(folder, _KINDS[name][0])
+        self.config: Any = module.config if folder is None else read_config(folder, _KINDS[name])
 
     @cached_property
     def module(self) -> Any:
-        """The module of torch. Raises CheckpointError if the weights are damaged.
-
-        Raises DependencyError without torch, or without the lab where it comes from there.
-        """
+        """The lab's module of torch. Raises CheckpointError if the weights are damaged, DependencyError without it."""
         if self._folder is None:
             return self._made
-        need_torch(f"the {self.name} of this bundle, whose weights have no graph or run on a GPU,")
-        home, kind = _KINDS[self.name][1:]
-        try:
-            return getattr(import_module(home), kind).load(self._folder)
-        except ModuleNotFoundError as error:
-            if error.name != home.partition(".")[0]:
-                raise
-            raise DependencyError(
-                f"the {self.name} of this bundle has no graph, and its module comes with echoavatar-lab; in a clone of "
-                "the repository: pip install './lab[pretrained]'"
-            ) from error
+        what = f"the {self.name} of this bundle, whose weights have no graph or run on a GPU,"
+        return torch_backend(what).load_part(self.name, self._folder)
 
     @cached_property
     def graph(self) -> ExportedStep | None:
         """Its step as a graph; None if there is none of these very weights. Raises CheckpointError if it is damaged."""
-        path = None if self._folder is None else graph_file(self._folder)
+        return self._exported("step")
+
+    def clip_tokenizer(self, chunk: ChunkSize) -> ClipTokenizer:
+        """The tokenizer for whole clips: its graphs, or else its module. Raises as `graph` and `module`."""
+        encoder, decoder = self._exported("encoder"), self.graph
+        if encoder is None or decoder is None:
+            return self.module.clips()  # type: ignore[no-any-return]
+        return ClipTokenizer(self.config, encoder, decoder, tokens=chunk.tokens)
+
+    def _exported(self, name: str) -> ExportedStep | None:
+        path = None if self._folder is None else graph_file(self._folder, name)
         return ExportedStep(path) if path is not None and path.exists() else None
 
     def arrays(self) -> Mapping[str, Stored]:
@@ -118,19 +111,19 @@ class Bundle:
         return replace(self, parts=kept | others)
 
     @property
-    def codec(self) -> "AudioCodec":
-        """The module of torch, as `Part.module`; so are the next three."""
-        return self.parts["codec"].module  # type: ignore[no-any-return]
+    def codec(self) -> Any:
+        """The lab's `AudioCodec`, as `Part.module`; so are the next three."""
+        return self.parts["codec"].module
 
     @property
-    def tokenizer(self) -> "BodyTokenizer":
-        """Motion to codes and back."""
-        return self.parts["tokenizer"].module  # type: ignore[no-any-return]
+    def tokenizer(self) -> Any:
+        """The lab's `BodyTokenizer`: motion to codes and back."""
+        return self.parts["tokenizer"].module
 
     @property
-    def generator(self) -> "Generator":
-        """Audio codes to motion codes."""
-        return self.parts["generator"].module  # type: ignore[no-any-return]
+    def generator(self) -> Any:
+        """The lab's `Generator`: audio codes to motion codes."""
+        return self.parts["generator"].module
 
     @property
     def face(self) -> Any:
@@ -251,11 +244,10 @@ def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleav
 
     `prefix` is the paper's own order, which prefills its window at every step.
 
-    Silence does not bring it to rest, so it has no lead-in.
+    Silence does not bring it to rest, so it has no lead-in. Raises DependencyError without the lab.
     """
-    from echoavatar.models.generator import Generator
-
-    generator = Generator(qwen_half_billion(bundle.sizes.layout, sequence)).eval()
+    sizes = qwen_half_billion(bundle.sizes.layout, sequence)
+    generator = torch_backend("a model of the paper's size").random_generator(sizes)
     runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
     name = f"{bundle.name}, 0.5B random generator"
     return replace(bundle.having(generator=generator), name=name, runtime=runtime)

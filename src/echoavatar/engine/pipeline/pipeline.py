@@ -32,6 +32,7 @@ from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
 from echoavatar.nn.device import find_device
 from echoavatar.nn.kernels import compilations
+from echoavatar.nn.torch_backend import torch_backend
 from echoavatar.stored import Rounded
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
@@ -122,16 +123,16 @@ class Pipeline:
         """A part's graph on a CPU if it has one, else its module."""
         if self.device == "cpu" and part.graph:
             return part.graph
-        return self._in_torch(part.module.to(self.device), step, init_state)
+        module = part.module
+        return torch_backend(f"the {part.name}").open_step(module, self.device, step, init_state)
 
     def _generator(self, bundle: Bundle, precision: Precision | None) -> Any:
         """The depth order on a CPU needs no torch."""
         if self.device == "cpu" and precision != "bfloat16" and bundle.sizes.sequence == "depth":
             return FrameStream(bundle.sizes, bundle.parts["generator"].arrays(), rounds=precision != "float32")
-        from echoavatar.models.generator import open_stream
-
         own: Precision = "int8" if self.device == "cpu" else "bfloat16"
-        return self._in_torch(open_stream(bundle.generator.to(self.device), precision or own))
+        module = bundle.generator
+        return torch_backend("the generator").open_generator(module, self.device, precision or own)
 
     def _face(self, part: Part) -> FaceStream:
         """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
@@ -141,11 +142,6 @@ class Pipeline:
         stored = part.arrays().items()
         weights = {name: value.floats() if isinstance(value, Rounded) else value for name, value in stored}
         return FaceStream(part.config, weights, part.graph, has_idle=has_idle)
-
-    def _in_torch(self, module: Any, step: str = "step", init_state: str = "init_state") -> Any:
-        from echoavatar.nn.torch_step import TorchStep
-
-        return TorchStep(getattr(module, step), getattr(module, init_state), self.device)
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""

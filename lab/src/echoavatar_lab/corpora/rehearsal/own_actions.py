@@ -6,12 +6,12 @@ import numpy as np
 
 from echoavatar.engine.pipeline.action_making import action_from_motion
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
-from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokens import UPPER
 from echoavatar.motion.action_overlay import Hands, Overlay
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.named_bones import finger_bones
 from echoavatar.timing import CHUNK_FRAMES
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
 from ..controls import minimum_jerk
 from .action_clips import SCRIPTS, clip
@@ -26,9 +26,10 @@ def own_actions(tokenizer: BodyTokenizer) -> ActionLibrary:
     library = ActionLibrary()
     if len(tokenizer.config.parts) <= UPPER:
         return library
+    clips = tokenizer.clips()
     for name, script in SCRIPTS.items():
         guides, moving = not script.is_on_top, clip(script)
-        action = action_from_motion(tokenizer, name, moving, hold_s=script.hold, about=script.about, guides=guides)
+        action = action_from_motion(clips, name, moving, hold_s=script.hold, about=script.about, guides=guides)
         if script.has_hands:
             action = replace(action, overlay=_with_hands(action, moving))
         library = library.with_action(action)

@@ -19,11 +19,11 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.checkpoint import Checkpointed
 from echoavatar_lab.kinematics import matrix_from_quaternion, matrix_to_6d
 
 from .positions import heading, turn_about_up

@@ -1,1 +1,4 @@
-"""Training of the codec. May import `models`, `foreign`, `training` and `echoavatar`."""
+"""The codec in torch, and its training.
+
+May import `models`, `foreign`, `training`, `nn`, `checkpoint` and `echoavatar`.
+"""

@@ -4,8 +4,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from echoavatar.models.audio import AudioCodec
-from echoavatar.models.audio.network import advance, init_network_state
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.audio.network import advance, init_network_state
 
 
 @torch.no_grad()

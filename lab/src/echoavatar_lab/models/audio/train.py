@@ -20,14 +20,14 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
-from echoavatar.models.audio.codec import AudioCodec
 from echoavatar.models.audio.codec_config import CODE_LAYERS, CodecConfig
-from echoavatar.models.audio.network import Convolution, Run, init_network_state
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
+from echoavatar_lab import checkpoint
+from echoavatar_lab.models.audio.codec import AudioCodec
+from echoavatar_lab.models.audio.network import Convolution, Run, init_network_state
+from echoavatar_lab.models.codebook_training import LearningQuantizer, Share
 from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw, seeded
 
-from ..quantize import LearningQuantizer, Share
 from ..tokenizer.measure import code_usage
 from .decoding import synthesize
 from .mel import log_mel, mel_spectrum

@@ -1,1 +1,4 @@
-"""The face as modules of torch, and their training. May import `training`, `paper` and `echoavatar`."""
+"""The face as modules of torch, and their training.
+
+May import `training`, `nn`, `checkpoint`, `paper` and `echoavatar`.
+"""

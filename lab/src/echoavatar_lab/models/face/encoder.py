@@ -24,9 +24,9 @@ from torch import Tensor, nn
 from echoavatar.errors import DependencyError
 from echoavatar.models.face import HubertConfig, MelConfig
 from echoavatar.nn import StreamState
-from echoavatar.nn.blocks import Mlp
-from echoavatar.nn.stream import StateT, StreamingModule, write_rows
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, exact_div
+from echoavatar_lab.nn.blocks import Mlp
+from echoavatar_lab.nn.stream import StateT, StreamingModule, write_rows
 
 _FLOOR = 1e-4  # of mel magnitudes
 _WINDOW_HOPS = 4  # a window is so many hops long

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from echoavatar.models.face.noise import euler_levels
-from echoavatar.nn.blocks import Mlp
+from echoavatar_lab.nn.blocks import Mlp
 
 HEAD_EPSILON = 1e-6  # of the norms inside the blocks
 

@@ -18,8 +18,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from echoavatar.models.face import FaceConfig
-from echoavatar.nn.attention import rotary_phases
-from echoavatar.nn.blocks import Mlp
+from echoavatar_lab.nn.attention import rotary_phases
+from echoavatar_lab.nn.blocks import Mlp
 
 
 class Attention(nn.Module):

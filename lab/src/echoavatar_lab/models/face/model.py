@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from echoavatar.checkpoint import Checkpointed
 from echoavatar.models.face import FaceConfig, FaceStream, MelConfig
 from echoavatar.models.face.config import STILL
-from echoavatar.nn.torch_step import TorchStep
+from echoavatar_lab.checkpoint import Checkpointed
+from echoavatar_lab.nn.torch_step import TorchStep
 
 from .encoder import AudioEncoder, HubertEncoder, MelEncoder
 from .flow import FlowHead

@@ -25,13 +25,13 @@ from pydantic import Field
 from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import LevelControl
 from echoavatar.models.face.config import FaceConfig, HubertConfig, MelConfig
 from echoavatar.models.face.noise import FULL_NOISE
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
+from echoavatar_lab import checkpoint
 from echoavatar_lab.models.face.encoder import HubertEncoder
 from echoavatar_lab.models.face.model import FaceModel
 from echoavatar_lab.paper import FACE

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.nn import StreamState
-from echoavatar.nn.stream import write_rows
+from echoavatar_lab.nn.stream import write_rows
 
 from .gpt import WindowBlock
 

@@ -1,4 +1,4 @@
-"""Training of the generator: windows of codes, corruption, losses, curriculum.
+"""The generator in torch, and its training: windows of codes, corruption, losses, curriculum.
 
-May import `published`, `data`, `training` and `echoavatar`.
+May import `tokens`, `published`, `data`, `training`, `nn`, `checkpoint` and `echoavatar`.
 """

@@ -29,10 +29,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from echoavatar.models.generator.config import AUDIO_FRAMES_PER_TOKEN
-from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.models.generator.model import Generator
+from echoavatar.models.tokens import UPPER
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.data import DOMAINS
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokens import audio_ids, motion_ids
 from echoavatar_lab.training.task import take_rows
 
 from .sequences import Exemplar, Sequences, build_sequences, code_logits, heard_at, read, segment_logits, streams_apart
@@ -103,7 +104,7 @@ class StreamNll(NamedTuple):
 def stream_nll(generator: Generator, window: Window) -> StreamNll:
     """Sound and motion as separate streams; neither sees the other."""
     layout = generator.config.layout
-    sound, moves = layout.audio_ids(window.audio), layout.motion_ids(window.motion)
+    sound, moves = audio_ids(layout, window.audio), motion_ids(layout, window.motion)
     hidden, moved = streams_apart(generator, sound, moves)
     head = generator.lm_head.weight[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
     logits = torch.einsum(

@@ -12,10 +12,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from echoavatar.models.audio.codec_config import CODE_LAYERS
-from echoavatar.models.generator.exemplar import UPPER, member_rows
-from echoavatar.models.generator.model import Generator
-from echoavatar.models.tokens import PARTS, Depth, Prefix, SequenceOrder, TokenLayout, present
+from echoavatar.models.tokens import PARTS, UPPER, Depth, Prefix, SequenceOrder, TokenLayout
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
+from echoavatar_lab.models.generator.exemplar import member_rows
+from echoavatar_lab.models.generator.model import Generator
+from echoavatar_lab.models.tokens import audio_ids, motion_ids, prefix_prompt, present
 
 
 def compact_layout(
@@ -75,19 +76,19 @@ def build_sequences(
     missing: Int[Tensor, " b"],
     example: Int[Tensor, "b m"] | None = None,
 ) -> Sequences:
-    """Sequences in this order. `example` (order `prefix`): see `Prefix.prompt`.
+    """Sequences in this order. `example` (order `prefix`): see `tokens.prefix_prompt`.
 
     In the depth order `predictors` count hidden states, which are one per code, frame after frame.
     """
     layout, (rows, steps), device = order.layout, context.shape[:2], audio.device
     chunks, valid = exact_div(steps, MOTION_TOKENS_PER_CHUNK), None
     if isinstance(order, Prefix):
-        ids, valid = order.prompt(audio, context, missing, example)
+        ids, valid = prefix_prompt(order, audio, context, missing, example)
         ids, valid = ids[:, :-1], valid[:, :-1]
         at = torch.arange(ids.shape[1] - steps * layout.segments, ids.shape[1], device=device)
     else:
         groups = steps if isinstance(order, Depth) else chunks
-        sound, moves = (part.view(rows, groups, -1) for part in (layout.audio_ids(audio), layout.motion_ids(context)))
+        sound, moves = (part.view(rows, groups, -1) for part in (audio_ids(layout, audio), motion_ids(layout, context)))
         ids = torch.cat([sound, moves], dim=2).flatten(1)
         at = torch.arange(steps * layout.segments, device=device)
         if not isinstance(order, Depth):

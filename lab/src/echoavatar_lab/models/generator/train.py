@@ -18,12 +18,12 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.generator.exemplar import control_ids, segment_of
-from echoavatar.models.generator.model import Body, Generator
 from echoavatar.models.tokens import Prefix
+from echoavatar_lab import checkpoint
+from echoavatar_lab.models.generator.exemplar import control_ids, segment_of
+from echoavatar_lab.models.generator.model import Body, Generator
 from echoavatar_lab.training import Loss, Muon, TrainingConfig, TrainingTask, adamw, seeded
 
 from ..published import init_from_qwen

@@ -23,8 +23,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.generator.manner import TOLD
+from echoavatar.models.tokens import UPPER
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file

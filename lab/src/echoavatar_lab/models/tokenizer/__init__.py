@@ -1,4 +1,4 @@
-"""Training of the motion tokenizer and of its decoder.
+"""The motion tokenizer in torch, its training and that of its decoder.
 
-May import `quantize`, `data`, `training`, `progress` and `echoavatar`.
+May import `quantize`, `codebook_training`, `data`, `training`, `nn`, `checkpoint`, `progress` and `echoavatar`.
 """

@@ -16,13 +16,13 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
+from echoavatar_lab.models.codebook_training import steady_codes
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 from echoavatar_lab.progress import Progress, watched
 from echoavatar_lab.training import Loss, TrainingConfig, adamw
 
-from ..quantize import steady_codes
 from .losses import LossWeights, total
 from .train import BodyTask, MovingBody, whole_features
 

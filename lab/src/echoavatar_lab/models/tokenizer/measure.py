@@ -11,12 +11,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.models.codebook_training import steady_codes
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer
 
-from ..quantize import steady_codes
 from .losses import PlaneKinematics, finger_joints, wrist_of
 
 

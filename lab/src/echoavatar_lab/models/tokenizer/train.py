@@ -24,19 +24,19 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics, MotionTokenizer, split_parts
 from echoavatar.models.tokenizer_config import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.nn.blocks import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.data.statistics import measure_features
+from echoavatar_lab.data.feature_statistics import FeatureStatistics, measure_features
+from echoavatar_lab.models.codebook_training import LearningQuantizer, Share
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer, MotionTokenizer, split_parts
+from echoavatar_lab.nn.blocks import CausalBlock, Mlp
 from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw, seeded
 from echoavatar_lab.training.task import BatchT
 
-from ..quantize import LearningQuantizer, Share
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
 from .variants import AnyBodyTokenizer

@@ -1,4 +1,4 @@
-"""The tokenizers of the paper's ablation, which only the lab runs: convolutions, and one path between the levels.
+"""The tokenizers of the paper's ablation: convolutions, and one path between the levels.
 
 A block of convolutions, the paper's baseline (CausalConv-RVQ), has three residual units of dilation 1, 3 and 9, as
 motion VQ-VAEs usually have (T2M-GPT), padded on the left only. It has the weights of an attention block of the same
@@ -13,10 +13,10 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.nn import StreamState
-from echoavatar.nn.blocks import Mlp
-from echoavatar.nn.stream import StreamingModule, write_rows
+from echoavatar_lab.models.tokenizer.model import BodyTokenizer, MotionTokenizer
+from echoavatar_lab.nn.blocks import Mlp
+from echoavatar_lab.nn.stream import StreamingModule, write_rows
 
 KERNEL = 3
 DILATIONS = (1, 3, 9)

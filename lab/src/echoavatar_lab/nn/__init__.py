@@ -1,0 +1,1 @@
+"""Building blocks of torch: the streaming contract, causal attention, CUDA graphs. May import `echoavatar`."""
