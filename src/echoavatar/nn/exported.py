@@ -58,13 +58,13 @@ class ExportedStep:
         return ExportedState([np.zeros((rows, *past.shape[1:]), _TYPES[past.type]) for past in self._past])
 
     def step(
-        self, x: Shaped[np.ndarray, "b ..."], state: StreamState, active: Bool[np.ndarray, " b"]
+        self, x: Shaped[np.ndarray, "b ..."], state: ExportedState, active: Bool[np.ndarray, " b"]
     ) -> Shaped[np.ndarray, "b ..."]:
         """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void.
 
         Each row runs by itself: of several at once, a product may be summed in another order than of one.
         """
-        past, outputs = list(state.arrays()), list[np.ndarray]()
+        past, outputs = state.parts, list[np.ndarray]()
         for row, is_active in enumerate(active.tolist()):
             if not (is_active or not outputs):  # the first one runs, so that there is an output
                 outputs.append(outputs[0])
