@@ -58,4 +58,3 @@ class Rows:
         self._words[row, patch.where] = patch.words
         for part, values in zip(self._tensors, patch.tensors, strict=True):
             part[row : row + 1] = values
-
