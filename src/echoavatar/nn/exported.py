@@ -51,7 +51,8 @@ class ExportedStep:
             self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its errors have no common class
             raise CheckpointError(f"{path} cannot be run ({error}); copy or download the bundle again") from error
-        self._input, *self._past = self._session.get_inputs()
+        _, *self._past = inputs = self._session.get_inputs()
+        self._names = [one.name for one in inputs]
 
     def init_state(self, rows: int) -> ExportedState:
         """Nothing seen yet."""
@@ -70,8 +71,8 @@ class ExportedStep:
                 outputs.append(outputs[0])
                 continue
             own = slice(row, row + 1)
-            given = {one.name: part[own] for one, part in zip(self._past, past, strict=True)}
-            made, *new = self._session.run(None, given | {self._input.name: x[own]})
+            given = zip(self._names, [x[own], *(part[own] for part in past)], strict=True)
+            made, *new = self._session.run(None, dict(given))
             for part, value in zip(past, new, strict=True) if is_active else ():
                 part[own] = value
             outputs.append(made)
