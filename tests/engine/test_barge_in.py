@@ -30,7 +30,7 @@ def noise(samples: int, seed: int) -> np.ndarray:
 
 
 def row(engine: Engine, session: SessionCore) -> list[np.ndarray]:
-    return [tensor[session.seat].copy() for tensor in engine._state.arrays()]
+    return [tensor[session.seat].copy() for tensor in engine._rows.state.arrays()]
 
 
 class Player:

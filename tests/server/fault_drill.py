@@ -69,7 +69,7 @@ def hurt(engine: engines.Engine, manager: Any, orders: Any) -> None:
             core(manager, 1)._gaze = None
         elif "session 2" in order:
             victim = core(manager, 2)
-            row = engine._state.rows(slice(victim.seat, victim.seat + 1))
+            row = engine._rows.of([victim.seat])
             for part in row.arrays():
                 if part.dtype.kind == "f":
                     part[:] = float("nan")

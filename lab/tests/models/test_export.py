@@ -11,7 +11,7 @@ from tests.models.face import tiny as face
 from tests.tiny_bundle import CARD, write_bundle
 
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
-from echoavatar.engine.pipeline.undo import changes, undo
+from echoavatar.engine.pipeline.undo import Rows
 from echoavatar.errors import CheckpointError
 from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar_lab.models.export import export_bundle
@@ -101,23 +101,21 @@ def test_a_row_is_the_same_alone_and_in_a_batch_where_others_rest(bundle: Bundle
 
 def test_steps_are_undone_and_restored_to_the_bit(bundle: Bundle, voice: np.ndarray) -> None:
     pipeline = Pipeline(bundle)
-    state = pipeline.init_state(2)
-    both, patches = np.ones(2, np.bool_), []
-    first, *rest = sounds(voice, 2)
-    pipeline.step(first, state, both)
+    rows = Rows(pipeline.init_state(2))
+    state, patches, made = rows.of([1]), [], []
+    first, *rest = sounds(voice)
+    pipeline.step(first, state, ONE)
     kept = deepcopy(state)
-    made = []
     for chunk in rest:
-        before = deepcopy(state)
-        made.append(pipeline.step(chunk, state, both)[1])
-        patches.append(changes(zip(before.arrays(), state.arrays(), strict=True), 1, 1))
+        before = rows.kept(1)
+        made += pipeline.step(chunk, state, ONE)
+        patches.append(rows.changes(1, before))
     for patch in reversed(patches):
-        undo(patch, state, 1)
+        rows.undo(1, patch)
     for tensor, saved in zip(state.arrays(), kept.arrays(), strict=True):
-        assert np.array_equal(tensor[1], saved[1])
-    again = [pipeline.step(chunk, state, both)[1] for chunk in rest]
-    for one, other in zip(made, again, strict=True):
-        np.testing.assert_array_equal(one.rotations, other.rotations)
+        assert np.array_equal(tensor, saved)
+    for chunk, one in zip(rest, made, strict=True):
+        np.testing.assert_array_equal(pipeline.step(chunk, state, ONE)[0].rotations, one.rotations)
 
 
 def test_other_weights_than_those_of_the_graph_run_in_torch(folder: Path, tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def pipeline(in_threes: Path) -> Pipeline:
 
 
 def row(engine: Engine) -> list[np.ndarray]:
-    return [tensor[0].copy() for tensor in engine._state.arrays()]
+    return [tensor[0].copy() for tensor in engine._rows.state.arrays()]
 
 
 def test_its_parts_step_alike(pipeline: Pipeline) -> None:

@@ -53,7 +53,7 @@ class _Step(NamedTuple):
     """A chunk that was made, and how to unmake it."""
 
     music: Playing  # the music player before it
-    patches: list[Patch]
+    patch: Patch
 
 
 class BargeIn:
@@ -78,22 +78,22 @@ class BargeIn:
             return self._target
         return self._made + (self._in_flight is not None)
 
-    def begin(self) -> tuple[int, list[list[Patch]]]:
+    def begin(self) -> tuple[int, list[Patch]]:
         """A chunk is being made now: its number, and the steps to undo before it, latest first."""
-        undone: list[list[Patch]] = []
+        undone: list[Patch] = []
         if self._target is not None:
-            undone = [self._steps.pop().patches for _ in range(self._made - self._target)]
+            undone = [self._steps.pop().patch for _ in range(self._made - self._target)]
             self._made, self._target = self._target, None
         self._in_flight = self.epoch, self._music.now
         return self._made, undone
 
-    def end(self, patches: list[Patch]) -> bool:
+    def end(self, patch: Patch) -> bool:
         """The chunk is made; returns whether it is to be shown, because it was not taken back meanwhile."""
         assert self._in_flight is not None
         epoch, music = self._in_flight
         self._in_flight = None
         self._made += 1
-        self._steps.append(_Step(music, patches))
+        self._steps.append(_Step(music, patch))
         if epoch != self.epoch:
             return False
         while len(self._steps) > self._rewind:

@@ -37,7 +37,7 @@ from echoavatar.nn.device import threads
 from .audio_queue import QUEUE_SECONDS
 from .capacity import Capacity
 from .pipeline import Pipeline, load_bundle
-from .pipeline.undo import Patch, changes, undo
+from .pipeline.undo import Rows
 from .session import Session
 from .session_core import SessionCore
 
@@ -82,7 +82,7 @@ class Engine:
         self.on_step: Callable[[Pipeline], None] = lambda pipeline: None  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
         self._codes = pipeline.directive_codes
-        self._state = pipeline.init_state(seats)
+        self._rows = Rows(pipeline.init_state(seats))
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
         self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
         self.seats = seats  # how many sessions there can be
@@ -219,16 +219,16 @@ class Engine:
         loading raises.
         """
         pipeline = self._reload()
-        state = pipeline.init_state(self.seats)
+        rows = Rows(pipeline.init_state(self.seats))
         try:
-            for new, old in zip(state.arrays(), self._state.arrays(), strict=True):
+            for new, old in zip(rows.state.arrays(), self._rows.state.arrays(), strict=True):
                 new[:] = old
         except Exception as error:
             _LOG.exception("the states of the sessions are lost")
             for session in list(self._sessions.values()):
                 session.fail(error)
         with self._lock:
-            self.pipeline, self._state, self.fault = pipeline, state, None
+            self.pipeline, self._rows, self.fault = pipeline, rows, None
             self.restarts += 1
         self.wake()
 
@@ -299,7 +299,7 @@ class Engine:
         return True
 
     def _make(self, ready: list[SessionCore]) -> None:
-        """The step changes a copy of the rows, so that a fault costs nothing."""
+        """A fault leaves the rows as they were."""
         seats = list(range(self.seats)) if self.is_batched else [session.seat for session in ready]
         rows = [seats.index(session.seat) for session in ready]
         count = len(seats)
@@ -308,33 +308,31 @@ class Engine:
         manner, hands = np.full((count, len(TOLD)), np.nan, np.float32), np.tile(WHOLE, (count, 1))
         for row, session in zip(rows, ready, strict=True):
             if session.is_new:
-                this = np.ones(1, np.bool_)
-                own = self._state.rows(slice(session.seat, session.seat + 1))  # views
+                own, this = self._rows.of([session.seat]), np.ones(1, np.bool_)
                 self.pipeline.reset(own, this, seed=session.seed, options=session.options)
                 session.is_new = False
             plan = session.begin_chunk(self._codes)
-            for patches in plan.undone:  # a second time, after a fault, changes nothing more
-                undo(patches, self._state, session.seat)
+            for patch in plan.undone:  # a second time, after a fault, changes nothing more
+                self._rows.undo(session.seat, patch)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
             manner[row], hands[row] = plan.manner, plan.hands
             if plan.members is not None:
                 members[row], is_asked = plan.members, True
-        state = self._state.rows(seats)
-        if forgets.any():
-            self.pipeline.restart_generator(state, forgets)
+        before, state = [self._rows.kept(session.seat) for session in ready], self._rows.of(seats)
         told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
         told |= {"manner": manner, "hands": hands} if self.pipeline.has_manner else {}
-        chunks = self.pipeline.step(audio, state, active, **told)
-        undoing: list[list[Patch]] = [[] for _ in ready]
-        pairs = list(zip(self._state.arrays(), state.arrays(), strict=True))
-        if self._rewind:
-            undoing = [changes(pairs, session.seat, row) for session, row in zip(ready, rows, strict=True)]
-        where = slice(seats[0], seats[0] + 1) if count == 1 else seats  # a slice is faster
-        for whole, part in pairs:
-            whole[where] = part
-        for row, session, patches in zip(rows, ready, undoing, strict=True):
+        try:
+            if forgets.any():
+                self.pipeline.restart_generator(state, forgets)
+            chunks = self.pipeline.step(audio, state, active, **told)
+            self._rows.put(seats, state)
+        except BaseException:
+            for session, patch in zip(ready, before, strict=True):
+                self._rows.undo(session.seat, patch)
+            raise
+        for row, session, patch in zip(rows, ready, before, strict=True):
             with suppress(Exception):  # the session notes it as its error
-                session.end_chunk(chunks[row], patches)
+                session.end_chunk(chunks[row], self._rows.changes(session.seat, patch))
 
 
 def load(

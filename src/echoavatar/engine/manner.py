@@ -6,6 +6,8 @@ sound does not tell it, and a model that decides anew in each chunk moves both h
 the requests and the chunk.
 """
 
+import functools
+
 import numpy as np
 from jaxtyping import Float
 
@@ -91,7 +93,7 @@ class SpeakerManner:
     def _numbers(self, step: int) -> Float[np.ndarray, " m"]:
         """The manner in the order of `MANNER`."""
         block, into = divmod(step, DRIFT_STEPS)
-        before, after = self._wander(block), self._wander(block + 1)
+        before, after = _wander(self._seed, block), _wander(self._seed, block + 1)
         values: Float[np.ndarray, " m"] = np.clip(self._drawn + before + (after - before) * into / DRIFT_STEPS, 0, 1)
         for name, value in self._set.items():
             values[MANNER.index(name)] = value
@@ -137,7 +139,9 @@ class SpeakerManner:
             self._borders = dict(list(self._borders.items())[-KEPT:]) | {turn: turn * TURN_STEPS + int(off)}
         return self._borders[turn]
 
-    def _wander(self, block: int) -> Float[np.ndarray, " m"]:
-        wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))
-        wander[REST] = 0  # where idle hands are is a habit
-        return wander
+
+@functools.lru_cache(1024)  # a session needs two at a time
+def _wander(seed: int, block: int) -> Float[np.ndarray, " m"]:
+    wander = np.random.default_rng([seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))
+    wander[REST] = 0  # where idle hands are is a habit
+    return wander

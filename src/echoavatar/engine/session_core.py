@@ -50,7 +50,7 @@ class ChunkPlan(NamedTuple):
     manner: Float[np.ndarray, " m"]  # how the speaker gestures
     hands: Float[np.ndarray, " 3"]  # how far the left and the right arm move, and whether they talk
     forgets: bool  # whether the model must forget its past motion
-    undone: list[list[Patch]]  # steps to undo before it, latest first
+    undone: list[Patch]  # steps to undo before it, latest first
 
 
 class SessionCore:
@@ -348,14 +348,14 @@ class SessionCore:
             self._making = chunk, heard, plan
             return plan
 
-    def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
+    def end_chunk(self, motion: MotionChunk, patch: Patch) -> None:
         """The chunk is made: add idle motion, gaze and expression; show it unless it was taken back meanwhile."""
         with self._lock, self._or_fail():
             assert self._making is not None
             (chunk, heard, _), self._making = self._making, None
             if not (np.isfinite(motion.root).all() and np.isfinite(motion.rotations).all()):
                 raise FloatingPointError("the motion is not finite")
-            if not self._barge_in.end(patches):
+            if not self._barge_in.end(patch):
                 return
             source = self._source(chunk, heard)
             self._settling.made(chunk, heard.audio, motion, self._host.skeleton, size=min(self._manner.dial, 1.0))

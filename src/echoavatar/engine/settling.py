@@ -97,7 +97,7 @@ class Settling:
         return max(0, self._quiet(chunk, audio) - self._least + 1)
 
     def _quiet(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
-        if float(np.sqrt(np.mean(np.square(audio)))) > SILENCE:
+        if np.dot(audio, audio) > SILENCE**2 * len(audio):
             return 0
         before = self._chunks.get(chunk - 1)
         return self._least if before is None else before.quiet + 1

@@ -65,20 +65,15 @@ _OF_LIPS = np.array([name.startswith("mouth") for name in ARKIT_NAMES])
 _JAW = ARKIT_NAMES.index("jawOpen")
 
 
-def _columns(name: str) -> list[int]:
-    return [ARKIT_NAMES.index(each) for each in (name, f"{name}Left", f"{name}Right") if each in ARKIT_NAMES]
-
-
 def _row(curves: Mapping[str, float]) -> Float[np.ndarray, " 52"]:
-    row = np.zeros(len(ARKIT_NAMES), np.float32)
-    for name, value in curves.items():
-        row[_columns(name)] = value
-    return row
+    sides = {f"{name}{side}": value for name, value in curves.items() for side in ("", "Left", "Right")}
+    return np.array([sides.get(name, 0) for name in ARKIT_NAMES], np.float32)
 
 
 MOODS: Mapping[str, Float[np.ndarray, " 52"]] = {mood: _row(curves) for mood, curves in _PAIRS.items()}
 
-
+_SIDES = np.stack([[_row({name: 1}) for name in pair] for pair in _OPPOSED], 1)
+_OWN, _OTHER = np.concatenate([_SIDES, _SIDES[::-1]], 1)
 _PARTS = ("mouthUpperUp", "mouthLowerDown", "noseSneer", "eyeLook")  # lips; and eye contact stays
 _FELT = np.stack([MOODS[name] for name in FEELINGS]) * [not name.startswith(_PARTS) for name in ARKIT_NAMES]
 
@@ -127,8 +122,6 @@ def with_mood(face: Float[np.ndarray, "t 52"], added: Float[np.ndarray, "t 52"])
     """Curves with those of a mood: they add up to 1 at most, and what pulls the other way gives in."""
     speaking = np.clip(face[:, _JAW] / SPEAKING_JAW, 0, 1)[:, None]
     added = np.clip(np.where(_OF_LIPS, added * (1 - (1 - LIPS_KEPT) * speaking), added), 0, 1)
-    face = face.copy()
-    for names in _OPPOSED:
-        for own, other in (names, names[::-1]):
-            face[:, _columns(own)] *= 1 - added[:, _columns(other)].max(1, keepdims=True)
+    opposed = (added[:, None] * _OTHER).max(2, keepdims=True)
+    face = face * (1 - opposed * _OWN).prod(1)
     return np.asarray(face + added * (1 - face), np.float32)

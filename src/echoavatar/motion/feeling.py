@@ -89,11 +89,10 @@ class Feeling:
         is_loud, shown = levels >= np.array(loudest) - QUIET_DB, np.zeros((frames, len(FEELINGS)))
         bands, sums, usual = (part.copy() for part in (before.bands, before.sums, before.usual))
         rest = np.array([before.pitch, before.known_s, *before.shown])
-        power = np.zeros((2 * frames, _FFT // 2 + 1))
-        power[is_loud] = np.square(np.abs(np.fft.rfft(windows[is_loud] * _HANN, _FFT)))
+        power = np.square(np.abs(np.fft.rfft(windows[is_loud] * _HANN, _FFT)))
         same = np.fft.irfft(power)[:, :_LAST] / _TAPER  # the correlation with the sound so many samples before
         fits = np.ascontiguousarray(same[:, _FIRST:] / np.maximum(same[:, :1], 1e-12))
-        floor = 10 ** (np.array(loudest)[:, None] / 10 - 7) * _TAPER[0]
+        floor = 10 ** (np.array(loudest)[is_loud, None] / 10 - 7) * _TAPER[0]
         found = 10 * np.log10(np.add.reduceat(power, _EDGES, axis=1)[:, :-1] / np.diff(_EDGES) + floor)
         _follow(is_loud, found, fits, bands, sums, usual, rest, shown)
         pitch, known_s = rest[:2].tolist()
@@ -175,29 +174,30 @@ def _wanted(sums, usual, goal):  # type: ignore[no-untyped-def]
 def _follow(is_loud, bands, fits, before, sums, usual, rest, shown):  # type: ignore[no-untyped-def]
     """Hear the hops of a chunk, two a frame, and fill `shown` (t, 3).
 
-    `bands` (2 t, b) are their spectra, dB, and `fits` (2 t, l) their correlations with the sound a period before.
+    `bands` (n, b) are the spectra of the loud ones, dB, and `fits` (n, l) their correlations with the sound before.
     The memory is written in place: the bands `before` (b), `sums` (11), `usual` (6), and of the `rest` (5) the pitch,
     `known_s` and the feelings shown.
     """
-    goal = np.empty(shown.shape[1])
+    goal, loud = np.empty(shown.shape[1]), -1
     for hop in range(len(is_loud)):
         fade = math.exp(-1 / ((MEMORY_S if is_loud[hop] else SILENT_S) * _RATE))
         center = sums[6] / sums[2] if sums[2] > 1 else 0.0
         for i in range(len(sums)):
             sums[i] *= fade
         if is_loud[hop]:
-            place = _pitch(fits[hop], center)
-            clarity, pitch = fits[hop, place], _SEMITONES[place]
+            loud += 1
+            place = _pitch(fits[loud], center)
+            clarity, pitch = fits[loud, place], _SEMITONES[place]
             voiced, clear = clarity > _VOICED, clarity > _CLEAR
             off, leap = abs(pitch - center), abs(pitch - rest[0])
             flux = low = middle = 0.0
             for i in range(len(before)):
-                flux += min(abs(bands[hop, i] - before[i]), 20.0) / len(before)
-                before[i] = bands[hop, i]
+                flux += min(abs(bands[loud, i] - before[i]), 20.0) / len(before)
+                before[i] = bands[loud, i]
             for i in range(_LOW[0], _LOW[1]):
-                low += bands[hop, i] / (_LOW[1] - _LOW[0])
+                low += bands[loud, i] / (_LOW[1] - _LOW[0])
             for i in range(_MIDDLE[0], _MIDDLE[1]):
-                middle += bands[hop, i] / (_MIDDLE[1] - _MIDDLE[0])
+                middle += bands[loud, i] / (_MIDDLE[1] - _MIDDLE[0])
             sums[0] += 1.0
             sums[5] += flux
             if voiced:

@@ -132,11 +132,12 @@ class Gaze:
 
     def glances(self, chunk: int, speech: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, "t 2"]:
         """How far the eyes look beside the viewer in each frame, to the avatar's left and up, radians."""
-        sound = np.pad(speech, (0, max(0, frames * SAMPLES_PER_FRAME - len(speech))))[: frames * SAMPLES_PER_FRAME]
-        power = np.mean(np.square(sound.reshape(frames, -1), dtype=np.float64), axis=1)
+        sound = np.zeros((frames, SAMPLES_PER_FRAME))
+        sound.ravel()[: len(speech)] = speech[: sound.size]
+        levels = 10 * np.log10(np.square(sound).mean(1) + 1e-12)
         place, path = self._places.get(chunk - 1, _Place()), []
-        for frame, level in enumerate(10 * np.log10(power + 1e-12), chunk * frames):
-            place = self._next(frame, float(level), place)
+        for frame, level in enumerate(levels.tolist(), chunk * frames):
+            place = self._next(frame, level, place)
             there = min(1, place.since / SACCADE)
             path.append([old + (new - old) * there for old, new in zip(place.old, place.new, strict=True)])
         self._places[chunk] = place

@@ -72,6 +72,5 @@ class ChunkFade:
         pace = self._rise if is_wanted else self._fall
         path: np.ndarray = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
         self._ends[chunk] = float(path[-1])
-        for old in [known for known in self._ends if known < chunk - KEPT]:
-            del self._ends[old]
+        self._ends.pop(chunk - KEPT, None)
         return path

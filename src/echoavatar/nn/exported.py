@@ -51,27 +51,28 @@ class ExportedStep:
             self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its errors have no common class
             raise CheckpointError(f"{path} cannot be run ({error}); copy or download the bundle again") from error
-        self._input, *self._past = self._session.get_inputs()
+        _, *self._past = inputs = self._session.get_inputs()
+        self._names = [one.name for one in inputs]
 
     def init_state(self, rows: int) -> ExportedState:
         """Nothing seen yet."""
         return ExportedState([np.zeros((rows, *past.shape[1:]), _TYPES[past.type]) for past in self._past])
 
     def step(
-        self, x: Shaped[np.ndarray, "b ..."], state: StreamState, active: Bool[np.ndarray, " b"]
+        self, x: Shaped[np.ndarray, "b ..."], state: ExportedState, active: Bool[np.ndarray, " b"]
     ) -> Shaped[np.ndarray, "b ..."]:
         """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void.
 
         Each row runs by itself: of several at once, a product may be summed in another order than of one.
         """
-        past, outputs = list(state.arrays()), list[np.ndarray]()
+        past, outputs = state.parts, list[np.ndarray]()
         for row, is_active in enumerate(active.tolist()):
             if not (is_active or not outputs):  # the first one runs, so that there is an output
                 outputs.append(outputs[0])
                 continue
             own = slice(row, row + 1)
-            given = {one.name: part[own] for one, part in zip(self._past, past, strict=True)}
-            made, *new = self._session.run(None, given | {self._input.name: x[own]})
+            given = zip(self._names, [x[own], *(part[own] for part in past)], strict=True)
+            made, *new = self._session.run(None, dict(given))
             for part, value in zip(past, new, strict=True) if is_active else ():
                 part[own] = value
             outputs.append(made)

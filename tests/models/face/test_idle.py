@@ -1,11 +1,11 @@
 import numpy as np
 
-from echoavatar.models.face.idle import IdleFace, blinks, frame_loudness, gaze
+from echoavatar.models.face.idle import IdleFace, blink, frame_loudness, gaze
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 SEEDS = np.arange(40)
 FREE = IdleFace(np.zeros(52, np.bool_))
-MINUTE = np.tile(np.arange(1800), (40, 1))
+MINUTE = range(1800)
 BLINK, BROW = ARKIT_NAMES.index("eyeBlinkLeft"), ARKIT_NAMES.index("browInnerUp")
 
 
@@ -18,7 +18,7 @@ def run(loudness: np.ndarray, face: IdleFace = FREE, pieces: int = 1) -> np.ndar
 
 
 def test_a_face_blinks_about_16_times_a_minute_and_not_in_step():
-    lids = blinks(SEEDS, MINUTE)
+    lids = np.array([[blink(seed, frame) for frame in MINUTE] for seed in range(40)])
     starts = ((lids[:, 1:] > 0) & (lids[:, :-1] == 0)).sum(1)
     assert 12 < starts.mean() < 22
     assert lids.max() == 1
@@ -29,7 +29,7 @@ def test_a_face_blinks_about_16_times_a_minute_and_not_in_step():
 
 def test_some_blinks_are_left_out_and_some_are_double():
     """Of one every 3.3 s, about every seventh is left out, and every eighth is two."""
-    lids = blinks(SEEDS, MINUTE)
+    lids = np.array([[blink(seed, frame) for frame in MINUTE] for seed in range(40)])
     is_there = lids.reshape(40, 18, 100).max(2) > 0
     assert 0.08 < (~is_there).mean() < 0.22
     starts = ((lids[:, 1:] > 0) & (lids[:, :-1] == 0)).sum()
@@ -37,7 +37,7 @@ def test_some_blinks_are_left_out_and_some_are_double():
 
 
 def test_gaze_is_small_mostly_at_home_and_held_between_jumps():
-    yaw, pitch = gaze(SEEDS, MINUTE)
+    yaw, pitch = np.moveaxis([[gaze(seed, frame) for frame in MINUTE] for seed in range(40)], 2, 0)
     assert 0.2 < np.abs(yaw).max() <= 0.25
     assert 0.11 < np.abs(pitch).max() <= 0.14
     assert 0.4 < ((yaw == 0) & (pitch == 0)).mean() < 0.7

@@ -1,59 +1,60 @@
-"""Undoing steps of the model: the values that a step overwrote in one row of the state.
+"""The rows of an engine's state, and undoing steps of the model: what a step overwrote in a row.
 
-A step writes about a tenth of a row, so only the overwritten values are kept. Undoing the last n steps, latest first,
-restores the state of n steps ago to the bit.
+The arrays of a row are views of one block of words, so one comparison finds what a step overwrote. It writes about a
+tenth of a row, so only that is kept. Undoing the last n steps, latest first, restores the state of n steps ago to the
+bit. On a GPU, which has room, and which looking for what changed would make wait, a row is kept whole.
 """
 
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Int
 
 from echoavatar.nn import StreamState
 
-SMALL = 4096  # elements; a smaller array is kept whole
-
 
 class Patch(NamedTuple):
-    """Overwritten values of one array's row: all of it, or those at `where` of the flattened row."""
+    """Overwritten values of a row."""
 
-    where: Int[np.ndarray, " n"] | None
-    values: Any  # a GPU's row is a tensor
-
-
-def changes(pairs: Iterable[tuple[Any, Any]], before: int, after: int) -> list[Patch]:
-    """The values that a step overwrote in a row: `pairs` are the arrays of the states before and after it.
-
-    `before` and `after` are the row's numbers in them.
-    """
-    return [_patch(old[before : before + 1], new[after : after + 1]) for old, new in pairs]
+    where: Int[np.ndarray, " n"] | slice  # of its words; a slice takes all
+    words: Int[np.ndarray, " n"]
+    tensors: list[Any]
 
 
-def undo(patches: list[Patch], state: StreamState, row: int) -> None:
-    """Restore the row to what it was before the step that made these patches."""
-    for part, (where, values) in zip(state.arrays(), patches, strict=True):
-        if where is None:
+class Rows:
+    """The states of all rows, each stepped by one thread at a time."""
+
+    def __init__(self, state: StreamState) -> None:
+        """`state` says what a row holds, and that nothing was seen yet. Its tensors are taken over."""
+        arrays = [part for part in state.arrays() if isinstance(part, np.ndarray)]
+        ends = np.cumsum([-(-part[0].nbytes // 8) for part in arrays])
+        self._words = np.zeros((len(arrays[0]), ends[-1]), np.int64)
+        places = zip(np.split(self._words, ends[:-1], 1), arrays, strict=True)
+        views = iter([own.view(it.dtype)[:, : it[0].size].reshape(it.shape, copy=False) for own, it in places])
+        self.state = state.mapped(lambda part: next(views) if isinstance(part, np.ndarray) else part)
+        self._tensors = [part for part in self.state.arrays() if not isinstance(part, np.ndarray)]
+        self._views = [self.state.rows(slice(row, row + 1)) for row in range(len(self._words))]
+
+    def of(self, rows: list[int]) -> Any:
+        """The state of some rows: of one, views, so that a step changes the row itself; of several, copies."""
+        return self._views[rows[0]] if len(rows) == 1 else self.state.rows(rows)
+
+    def put(self, rows: list[int], state: StreamState) -> None:
+        """Let the rows be those of a state that `of` gave and a step changed."""
+        for whole, part in zip(self.state.arrays(), state.arrays(), strict=True) if len(rows) > 1 else ():
+            whole[rows] = part
+
+    def kept(self, row: int) -> Patch:
+        """All of a row."""
+        return Patch(slice(None), self._words[row].copy(), [part[row : row + 1].clone() for part in self._tensors])
+
+    def changes(self, row: int, before: Patch) -> Patch:
+        """The values of a row that a step overwrote; `before` is all of it before the step."""
+        where = np.flatnonzero(self._words[row] != before.words).astype(np.int32)
+        return Patch(where, before.words[where], before.tensors)
+
+    def undo(self, row: int, patch: Patch) -> None:
+        """Restore the row to what it was before the step that made this patch."""
+        self._words[row, patch.where] = patch.words
+        for part, values in zip(self._tensors, patch.tensors, strict=True):
             part[row : row + 1] = values
-        else:
-            _flat(part[row])[where] = values
-
-
-def _patch(old: Any, new: Any) -> Patch:
-    if not isinstance(new, np.ndarray):  # a GPU has room, and looking for what changed would make it wait
-        return Patch(None, old.clone())
-    if old.size >= SMALL:
-        where = np.flatnonzero(_bits(old) != _bits(new))
-        if 2 * len(where) < old.size:
-            return Patch(where, _flat(old)[where])
-    return Patch(None, old.copy())
-
-
-def _flat(values: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, " n"]:
-    """A view; ValueError if there is none."""
-    return values.reshape(-1, copy=False)
-
-
-def _bits(values: Shaped[np.ndarray, "..."]) -> Int[np.ndarray, " n"]:
-    """The values' bit patterns as integers, which tell -0.0 from 0.0 and compare NaN."""
-    return _flat(values).view(f"i{values.itemsize}")

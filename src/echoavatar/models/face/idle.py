@@ -5,6 +5,7 @@ are animated. Blinks and gaze depend on the session's seed and the frame number 
 also depend on the sound.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from ..noise import uniform_noise
 
 _SALT = 0x69646C652D666163  # so that the noise differs from the flow head's
 _BLINK_EVERY = 100  # frames (3.3 s); each holds one blink; some are left out, some are double
-_BLINK = np.array([0, 0.35, 0.9, 1.0, 0.8, 0.5, 0.25, 0.08, 0])  # lids, frame by frame
+_BLINK = (0.0, 0.35, 0.9, 1.0, 0.8, 0.5, 0.25, 0.08, 0.0)  # lids, frame by frame
 _BLINKS, _DOUBLES, _DOUBLE_AFTER = 0.85, 0.12, 9
 _GAZE_EVERY = 45  # frames
 _GAZE_HOME = 0.55  # share of the time with the gaze on the viewer
@@ -28,6 +29,10 @@ _GAZE_FRAMES = 2.0  # of a saccade
 _BROW_GATE_EVERY = 24
 _FAST, _SLOW, _RISE, _FALL = 0.5, 0.04, 0.4, 0.1  # one-pole weights per frame
 _FAINTEST_DB = -60.0
+_LOOKS = ("OutLeft", "InRight", "InLeft", "OutRight", "UpLeft", "UpRight", "DownLeft", "DownRight")
+_BROWS = ("browInnerUp", "browOuterUpLeft", "browOuterUpRight")
+_NAMES = ("eyeBlinkLeft", "eyeBlinkRight", *(f"eyeLook{way}" for way in _LOOKS), *_BROWS)
+_COLUMNS = [ARKIT_NAMES.index(name) for name in _NAMES]
 
 
 @dataclass
@@ -42,7 +47,7 @@ class IdleFace:
     """Adds idle motion to curves. `moving` (52) is true for the channels that the face model moves itself."""
 
     def __init__(self, moving: Bool[np.ndarray, " 52"]) -> None:
-        self._free = ~moving
+        self._free = ~moving[_COLUMNS]
 
     def init_state(self, rows: int) -> IdleState:
         """Nothing seen yet."""
@@ -57,44 +62,22 @@ class IdleFace:
         seeds: Int[np.ndarray, " b"],
     ) -> Float[np.ndarray, "b t 52"]:
         """The curves with idle motion on the free channels; `loudness` is that of `frame_loudness`."""
-        frame = state.seen[:, None] + np.arange(curves.shape[1])
-        brow = self._brow(loudness, state, active) * brow_gate(seeds, frame)
-        yaw, pitch = gaze(seeds, frame)
-        lids = blinks(seeds, frame)
-        drift = 0.03 * (1 + np.sin(frame * (2 * math.pi / 210) + seeds[:, None] % 97))
-        life = {
-            "eyeBlinkLeft": lids,
-            "eyeBlinkRight": lids,
-            "eyeLookOutLeft": yaw,
-            "eyeLookInRight": yaw,
-            "eyeLookInLeft": -yaw,
-            "eyeLookOutRight": -yaw,
-            "eyeLookUpLeft": pitch,
-            "eyeLookUpRight": pitch,
-            "eyeLookDownLeft": -pitch,
-            "eyeLookDownRight": -pitch,
-            "browInnerUp": 0.5 * brow + drift,
-            "browOuterUpLeft": 0.4 * brow,
-            "browOuterUpRight": 0.36 * brow,
-        }
-        added = np.zeros_like(curves)
-        added[..., [ARKIT_NAMES.index(name) for name in life]] = np.maximum(np.stack([*life.values()], -1), 0)
+        lively = curves.copy()
+        for row in np.flatnonzero(active):
+            seed, path, (fast, slow, brow) = int(seeds[row]), [], state.brows[row].tolist()
+            for frame, now in enumerate(loudness[row].tolist(), int(state.seen[row])):
+                fast += _FAST * (now - fast)
+                slow += _SLOW * (now - slow)
+                lift = min(max(4 * (fast - slow) - 0.3, 0.0), 1.0)
+                brow += (_RISE if lift > brow else _FALL) * (lift - brow)
+                lids, (yaw, pitch), lifted = blink(seed, frame), gaze(seed, frame), brow * brow_gate(seed, frame)
+                drift = 0.03 * (1 + math.sin(frame * (2 * math.pi / 210) + seed % 97))
+                looks = (yaw, yaw, -yaw, -yaw, pitch, pitch, -pitch, -pitch)
+                path.append((lids, lids, *looks, 0.5 * lifted + drift, 0.4 * lifted, 0.36 * lifted))
+            lively[row, :, _COLUMNS] += (np.maximum(path, 0) * self._free).T
+            state.brows[row] = fast, slow, brow
         state.seen[active] += curves.shape[1]
-        return np.asarray(np.clip(curves + added * self._free, 0, 1))
-
-    def _brow(
-        self, loudness: Float[np.ndarray, "b t"], state: IdleState, active: Bool[np.ndarray, " b"]
-    ) -> Float[np.ndarray, "b t"]:
-        """How far sudden loudness lifts the brows: quickly up, slowly down."""
-        (fast, slow, brow), path = state.brows.T, []
-        for now in loudness.T:
-            fast = fast + _FAST * (now - fast)
-            slow = slow + _SLOW * (now - slow)
-            lift = np.clip(4 * (fast - slow) - 0.3, 0, 1)
-            brow = brow + np.where(lift > brow, _RISE, _FALL) * (lift - brow)
-            path.append(brow)
-        state.brows[active] = np.stack([fast, slow, brow], 1)[active]
-        return np.stack(path, 1)
+        return np.asarray(lively.clip(0, 1))
 
 
 def frame_loudness(audio: Float[np.ndarray, "b s"]) -> Float[np.ndarray, "b t"]:
@@ -103,39 +86,36 @@ def frame_loudness(audio: Float[np.ndarray, "b s"]) -> Float[np.ndarray, "b t"]:
     return np.asarray(np.clip(1 - 10 * np.log10(power + 1e-12) / _FAINTEST_DB, 0, 1))
 
 
-def blinks(seeds: Int[np.ndarray, " b"], frame: Int[np.ndarray, "b t"]) -> Float[np.ndarray, "b t"]:
+def blink(seed: int, frame: int) -> float:
     """Lids: 0 open, 1 shut."""
-    (place, is_there, is_double), _ = _drawn(seeds, frame, every=_BLINK_EVERY, numbers=3, kind=0)
+    place, is_there, is_double = _drawn(seed, 0, frame // _BLINK_EVERY, 3)
     last = len(_BLINK) - 1
-    start = (place * (_BLINK_EVERY - last + 1 - _DOUBLE_AFTER)).astype(int)
-    since = frame % _BLINK_EVERY - start + 1
-    once, again = (_BLINK[np.clip(since - after, 0, last)] for after in (0, _DOUBLE_AFTER))
-    return np.where(is_there < _BLINKS, np.maximum(once, np.where(is_double < _DOUBLES, again, 0)), 0)
+    since = frame % _BLINK_EVERY - int(place * (_BLINK_EVERY - last + 1 - _DOUBLE_AFTER)) + 1
+    if is_there >= _BLINKS:
+        return 0.0
+    again = since - _DOUBLE_AFTER if is_double < _DOUBLES else 0
+    return max(_BLINK[min(max(each, 0), last)] for each in (since, again))
 
 
-def gaze(
-    seeds: Int[np.ndarray, " b"], frame: Int[np.ndarray, "b t"]
-) -> tuple[Float[np.ndarray, "b t"], Float[np.ndarray, "b t"]]:
+def gaze(seed: int, frame: int) -> tuple[float, float]:
     """Yaw (positive: to the character's left) and pitch (positive: up), in units of the look curves."""
-    before, here = _drawn(seeds, frame - _GAZE_EVERY, every=_GAZE_EVERY, numbers=4, kind=1)
-    done = np.clip((frame % _GAZE_EVERY - here[0] * (_GAZE_EVERY / 2)) / _GAZE_FRAMES, 0, 1)
-    most = np.array([_GAZE_YAW, _GAZE_PITCH])[:, None, None]
-    old, new = (np.where(draw[3] < _GAZE_HOME, 0, (2 * draw[1:3] - 1) * most) for draw in (before, here))
-    yaw, pitch = old + done * (new - old)
-    return yaw, pitch
+    draw, into = divmod(frame, _GAZE_EVERY)
+    before, here = _drawn(seed, 1, draw - 1, 4), _drawn(seed, 1, draw, 4)
+    done = min(max((into - here[0] * (_GAZE_EVERY / 2)) / _GAZE_FRAMES, 0.0), 1.0)
+    ends = [(0.0, 0.0) if home < _GAZE_HOME else (2 * yaw - 1, 2 * pitch - 1) for _, yaw, pitch, home in (before, here)]
+    yaw, pitch = (old + done * (new - old) for old, new in zip(*ends, strict=True))
+    return yaw * _GAZE_YAW, pitch * _GAZE_PITCH
 
 
-def brow_gate(seeds: Int[np.ndarray, " b"], frame: Int[np.ndarray, "b t"]) -> Float[np.ndarray, "b t"]:
+def brow_gate(seed: int, frame: int) -> float:
     """How much the brows follow accents, changing smoothly between 0 and 1."""
-    (here,), (after,) = _drawn(seeds, frame, every=_BROW_GATE_EVERY, numbers=1, kind=2)
-    return np.asarray(here + frame % _BROW_GATE_EVERY / _BROW_GATE_EVERY * (after - here))
+    draw, into = divmod(frame, _BROW_GATE_EVERY)
+    (here,), (after,) = _drawn(seed, 2, draw, 1), _drawn(seed, 2, draw + 1, 1)
+    return here + into / _BROW_GATE_EVERY * (after - here)
 
 
-def _drawn(
-    seeds: Int[np.ndarray, " b"], frame: Int[np.ndarray, "b t"], *, every: int, numbers: int, kind: int
-) -> tuple[Float[np.ndarray, "n b t"], Float[np.ndarray, "n b t"]]:
-    """Uniform numbers, constant over every `every` frames: of each frame, and those that follow them."""
-    first = frame[:, 0] // every
-    draws = uniform_noise((seeds ^ _SALT) + kind, first, count=frame.shape[1] // every + 3, codes=numbers)
-    row, place = np.arange(len(seeds))[:, None], frame // every - first[:, None]
-    return np.moveaxis(draws[row, place], 2, 0), np.moveaxis(draws[row, place + 1], 2, 0)
+@functools.lru_cache(4096)  # a session needs six at a time
+def _drawn(seed: int, kind: int, draw: int, count: int) -> tuple[float, ...]:
+    """Uniform numbers."""
+    key, start = np.array([(seed ^ _SALT) + kind]), np.array([draw])
+    return tuple(uniform_noise(key, start, count=1, codes=count)[0, 0].tolist())

@@ -73,8 +73,9 @@ class FaceStream:
         noise = face_noise(
             seeds, state.idle.seen, count=count * config.step, channels=config.channels, hold=config.noise_hold
         )
-        for chunk, drawn in zip(np.split(audio, count, 1), np.split(noise, count, 1), strict=True):
-            heard = self._ear.step(chunk, state.encoder, active)
+        for at in range(count):
+            heard = self._ear.step(audio[:, at * samples : (at + 1) * samples], state.encoder, active)
+            drawn = noise[:, at * config.step : (at + 1) * config.step]
             made.append(self._frames.step(heard, state.frames, active, drawn))
         faces = np.clip(np.concatenate(made, 1)[..., self._order] * self._spread + self._mean, 0, 1)
         return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)

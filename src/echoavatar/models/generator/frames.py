@@ -68,6 +68,8 @@ class FrameStream:
                 gates[0][row] = frozen.floats(f"{name}.gate_proj.weight")[0] * after
                 gates[1][row] = frozen.floats(f"{name}.gate_proj.bias")[0]
         self._gates = gates
+        warmth = F(config.cooling) ** -np.arange(layout.motion_layers, dtype=F)
+        self._sharpness = warmth / F(config.temperature or 1.0)
         self._within = functools.lru_cache(maxsize=16)(self._in_a_frame)
         self._maps = {
             name: frozen.plain(f"{name}.weight")
@@ -156,11 +158,8 @@ class FrameStream:
         config, layout, rows = self.config, self.config.layout, len(seeds)
         codes = 0 if config.temperature > 0 else layout.motion_codes  # 0: noise of the keys
         noise, keys = np.zeros((rows, layout.segments, codes), F), mix(seeds.astype(np.uint64) + GOLDEN)
-        warmth = F(config.cooling) ** -np.arange(layout.motion_layers, dtype=F)
-        sharpness = warmth / F(config.temperature or 1.0)
-        return Draws(
-            noise, keys, frames * layout.segments, np.tile(sharpness, (rows, 1)), np.full(rows, config.top_p, F)
-        )
+        sharpness, top_p = np.tile(self._sharpness, (rows, 1)), np.full(rows, config.top_p, F)
+        return Draws(noise, keys, frames * layout.segments, sharpness, top_p)
 
     def _heard(self, sound: Int[np.ndarray, "b f l"]) -> Float[np.ndarray, "b c"]:
         """The backbone's input from the audio codes of a frame: the layers of each audio frame summed, all mapped."""

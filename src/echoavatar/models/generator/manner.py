@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 KNOTS = 5  # of the piecewise linear function of each number
+_KNOTS = np.linspace(0, 1, KNOTS, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,5 @@ def draw_manner(seed: int) -> Manner:
 
 def near_knots(told: Float[np.ndarray, "b m"]) -> Float[np.ndarray, "b n"]:
     """How near each number is to each knot, between 0 and 1; 0 for NaN."""
-    knots = np.linspace(0, 1, KNOTS, dtype=np.float32)
-    near = np.maximum(1 - np.abs(told[..., None] - knots) * np.float32(KNOTS - 1), 0)
-    return np.nan_to_num(near).reshape(len(told), -1)
+    near = np.fmax(1 - np.abs(told[..., None] - _KNOTS) * np.float32(KNOTS - 1), 0)
+    return near.reshape(len(told), -1)
