@@ -5,6 +5,7 @@ the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from ..kinematics.skeleton import numbered
+from ..kinematics.upright import placed
 from .gltf_data import refusing_damage
 from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
@@ -84,9 +86,16 @@ def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
     turned = rig.turn @ unscaled(full) @ rig.frames.swapaxes(-1, -2)
     local = turned.copy()
     local[:, 1:] = turned[:, list(rig.skeleton.parents[1:])].swapaxes(-1, -2) @ turned[:, 1:]
-    places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T - rig.place(rig.order[0]) * [1, 0, 1]
+    places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T
     rotations = quaternion_from_matrix(local).astype(np.float32)
-    return Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
+    motion, notes = Motion(rig.skeleton, rotations, places.astype(np.float32), fps), list[str]()
+    try:
+        motion = placed(motion, rig.skeleton.config.vrm, notes)
+    except MotionError as error:
+        raise MotionError(f"{rig.path}: {error}") from error
+    if notes:
+        _log.warning("%s: %s", rig.path, "; ".join(notes))
+    return replace(motion, root=(motion.root - rig.place(rig.order[0]) * [1, 0, 1]).astype(np.float32))
 
 
 def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
