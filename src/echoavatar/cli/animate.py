@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.models.audio.files import check_sound
     from echoavatar.motion.stages.modes import MotionOptions
 
-    places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
+    others = {"rig": args.rig, "map": args.map, "words": args.words}
+    places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound", **others)
     for output in places:
         check_output(output, has_rig=args.rig is not None)
     if args.map is not None and args.rig is None:

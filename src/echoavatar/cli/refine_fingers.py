@@ -5,6 +5,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
+from .batch import check_apart
 from .options import MAP_HELP, progress, seed
 
 EXAMPLES = """examples:
@@ -38,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, refine, write; print what changed."""
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
+    check_apart(args.output, recording=args.motion)
     from echoavatar.models.fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
     from echoavatar.motion.formats import write_bvh
     from echoavatar.motion.formats.bvh import read_standing

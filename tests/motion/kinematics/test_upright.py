@@ -11,7 +11,17 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.rotations import quaternion_multiply
-from echoavatar.motion.kinematics.upright import UNITS, Stand, axes_of, measure, metres_of, of_clip, righted, triples, turned
+from echoavatar.motion.kinematics.upright import (
+    UNITS,
+    Stand,
+    axes_of,
+    measure,
+    metres_of,
+    of_clip,
+    righted,
+    triples,
+    turned,
+)
 
 PERSON = swaying(4)
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y

@@ -52,7 +52,7 @@ _Turn = Float[np.ndarray, "3 3"]
 
 
 class Stand(NamedTuple):
-    """What makes a file's axes and unit ours; the rest pose and the world may need different turns, or both a mirror."""
+    """What makes a file's axes and unit ours; rest pose and world may need different turns, or both a mirror."""
 
     rest: _Turn = np.eye(3)
     world: _Turn = np.eye(3)
