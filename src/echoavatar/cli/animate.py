@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 WORDS_HELP = (
-    "words of the sound, some of which get a gesture: JSON, a list of {text, start, end} in seconds; .vtt; .srt"
+    "words of the sound, some of which get a gesture: JSON of a recogniser such as Whisper, or a list of {text, start,"
+    " end} in seconds; .vtt; .srt"
 )
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
