@@ -68,7 +68,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
 
 
 def _chosen(rig: GltfRig, entries: list[dict[str, Any]], targets: list[_Targets]) -> list[int]:
-    """The first animation in which a bone moves, or all of these if all but one have a node each, of their own."""
+    """The first animation in which a bone moves, or all if all but one have a node each, of their own."""
 
     def moves(k: int) -> bool:
         samplers = [entries[k]["samplers"][number] for number in targets[k].values()]
@@ -78,10 +78,11 @@ def _chosen(rig: GltfRig, entries: list[dict[str, Any]], targets: list[_Targets]
         ]
         return any(len(values) and np.ptp(values, axis=0).max() > _STILL for values in keys)
 
-    moving = [k for k in range(len(entries)) if moves(k)]
-    nodes = [{node for node, _ in targets[k]} for k in moving]
-    is_cut = sum(map(len, nodes)) == len(set().union(*nodes)) and sum(len(some) > 1 for some in nodes) < 2
-    return (moving if is_cut else moving[:1]) or [next((k for k, some in enumerate(targets) if some), 0)]
+    touching = [k for k, some in enumerate(targets) if some] or [0]
+    nodes = [{node for node, _ in targets[k]} for k in touching]
+    if sum(map(len, nodes)) == len(set().union(*nodes)) and sum(len(some) > 1 for some in nodes) < 2:
+        return touching
+    return [next(filter(moves, touching), touching[0])]
 
 
 def _targets(entry: dict[str, Any], nodes: set[int]) -> _Targets:
