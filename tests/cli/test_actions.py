@@ -53,6 +53,27 @@ def test_a_shipped_model_is_copied_before_its_actions_change(
     assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["my-default"]
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["add", "nod", "none.bvh"], "does not exist"),
+        (["add", "../nod", "nod.bvh"], "cannot name an action"),
+        (["remove", "jump"], "no action"),
+    ],
+)
+def test_a_shipped_model_is_not_copied_for_what_cannot_be(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nod = clip(SCRIPTS["agree"])
+    write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
+    monkeypatch.chdir(tmp_path)
+    assert main(["actions", *words]) == 1
+    told = capsys.readouterr()
+    assert said in told.err
+    assert not told.out
+    assert [path.name for path in tmp_path.iterdir()] == ["nod.bvh"]
+
+
 def test_without_the_lab_a_tokenizer_needs_its_graphs(
     bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

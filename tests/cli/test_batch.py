@@ -84,6 +84,28 @@ def test_a_file_of_the_folder_is_not_written_over_by_its_own_output(
     assert recording.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        ("export {other} --rig {read} -o {read}", "rig"),
+        ("export {other} --rig r.glb --map {read} -o {read}", "map"),
+        ("animate {other} --rig {read} -o {read}", "rig"),
+        ("animate {other} --words {read} -o {read}", "words"),
+        ("rig {read} -o {read}", "character"),
+        ("refine-fingers {read} {read}", "recording"),
+        ("say {read} -o {read}", "sound"),
+    ],
+)
+def test_nothing_that_is_read_is_written_over(
+    words: str, kind: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read = tmp_path / "a.bvh"
+    read.write_text("kept")
+    assert main(words.format(read=read, other=recording).split()) == 1
+    assert f"a.bvh is the {kind} itself; choose another name" in capsys.readouterr().err
+    assert read.read_text() == "kept"
+
+
 def test_a_link_that_leads_to_itself_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "loop.bvh").symlink_to(tmp_path / "loop.bvh")
     assert main(["export", str(tmp_path / "loop.bvh"), "-o", str(tmp_path / "a.npz")]) == 1

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +218,33 @@ def test_files_of_words(tmp_path: Path):
         (tmp_path / "talk.srt").write_text("1\n00:00:01,000 --> 00:00:02,000\nein Café\n", encoding)
         assert [word.text for word in read_words(tmp_path / "talk.srt")] == ["ein", "Café"]
     (tmp_path / "bad.json").write_text('{"text": 3}')
-    for name in ("bad.json", "none.json"):
+    (tmp_path / "bad.srt").write_text("Dialogue: 0,0:00:01.00,0:00:02.00,Good dogs")
+    for name in ("bad.json", "none.json", "bad.srt"):
         with pytest.raises(EchoAvatarError, match=name):
             read_words(tmp_path / name)
+
+
+_TWO = ({"word": "Good", "start": 1.0, "end": 1.5}, {"word": "dogs", "start": 1.5, "end": 2.0})
+RECOGNISERS = {
+    "Whisper": {"text": "Good dogs", "segments": [{"text": "Good dogs", "start": 1.0, "end": 2.0}], "words": _TWO},
+    "Whisper without words": {"text": "Good dogs", "segments": [{"id": 0, "text": " Good dogs", "start": 1, "end": 2}]},
+    "WhisperX": {
+        "segments": [{"text": "", "start": 1, "end": 2, "words": [one]} for one in _TWO],
+        "word_segments": _TWO,
+    },
+    "Vosk": {"result": [{**one, "conf": 1.0} for one in _TWO], "text": "Good dogs"},
+    "Deepgram": {"results": {"channels": [{"alternatives": [{"words": _TWO, "transcript": "Good dogs"}]}]}},
+    "AssemblyAI": {
+        "words": [{"text": one["word"], "start": 1000 * one["start"], "end": 1000 * one["end"]} for one in _TWO]
+    },
+    "Hugging Face": {"chunks": [{"text": one["word"], "timestamp": [one["start"], one["end"]]} for one in _TWO]},
+    "the wrong order": _TWO[::-1],
+    "a word without times": [*_TWO, {"word": "2014"}],
+}
+
+
+@pytest.mark.parametrize("program", RECOGNISERS)
+def test_words_are_read_as_recognisers_write_them(program: str, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    (tmp_path / "a.json").write_text(json.dumps(RECOGNISERS[program]))
+    assert read_words(tmp_path / "a.json") == [("Good", 1.0, 1.5), ("dogs", 1.5, 2.0)]
+    assert ("milliseconds" in caplog.text) == (program == "AssemblyAI")

@@ -262,6 +262,12 @@ def test_a_taken_port_is_one_line() -> None:
         listen("127.0.0.1", taken.getsockname()[1])
 
 
+@pytest.mark.parametrize(("host", "port"), [("127.0.0.1", 65_536), ("127.0.0.1", -1), ("a" * 64 + ".b", 0)])
+def test_a_port_or_name_that_cannot_be_is_one_line(host: str, port: int) -> None:
+    with pytest.raises(EchoAvatarError, match=rf"cannot listen on {host} port {port}: .*; choose another"):
+        listen(host, port)
+
+
 # ---- every listening socket of the project is opened by this module
 
 LISTENING = ("create_server", "create_unix_server", "create_datagram_endpoint", "start_server", "start_unix_server")

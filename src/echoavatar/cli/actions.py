@@ -2,6 +2,7 @@
 
 import argparse
 import shutil
+from contextlib import AbstractContextManager, nullcontext
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,18 +54,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List or change a library."""
+    """List or change a library; what cannot be changed is not copied."""
     if args.kind == "list":
         return _list(args.model)
+    if args.kind == "build":
+        _check(args.model, _own(args.model))
+        return int(command_module("actions build").run(args))
+    with _readable(args.model) as folder:
+        _check(args.model, folder)
+        library, what = {"add": _with, "remove": _without}[args.kind](args, folder)
     folder = _own(args.model)
+    library.save(folder)
+    print(f"{what} {folder / 'actions.json'}")
+    return 0
+
+
+def _check(model: str, folder: Path) -> None:
     if not (folder / "tokenizer").is_dir():
         raise EchoAvatarError(
-            f"{args.model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
+            f"{model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
         )
-    if args.kind == "build":
-        return int(command_module("actions build").run(args))
-    {"add": _add, "remove": _remove}[args.kind](args, folder)
-    return 0
+
+
+def _readable(model: str) -> AbstractContextManager[Path]:
+    """The folder to read: the one that may be changed, or the shipped one where there is none yet."""
+    from echoavatar.engine.pipeline import shipped
+
+    if model not in shipped():
+        return nullcontext(Path(model))
+    own = Path(f"my-{model}")
+    return nullcontext(own) if own.exists() else as_file(files("echoavatar") / "bundles" / model)
 
 
 def _own(model: str) -> Path:
@@ -97,7 +116,7 @@ def _list(bundle: str) -> int:
     return 0
 
 
-def _add(args: argparse.Namespace, folder: Path) -> None:
+def _with(args: argparse.Namespace, folder: Path) -> "tuple[ActionLibrary, str]":
     from echoavatar.engine.pipeline.action_making import action_from_motion, set_from_motion
     from echoavatar.engine.pipeline.bundle import Part
     from echoavatar.engine.pipeline.runtime import Runtime
@@ -112,17 +131,16 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
         action = action_from_motion(tokenizer, args.name, clip, chunk=chunk, hold_s=hold, about=about)
     else:
         action = set_from_motion(tokenizer, rig, args.name, clip, chunk=chunk, hold_s=hold, about=about)
-    library.with_action(action).save(folder)
-    print(f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in {folder / 'actions.json'}")
+    return library.with_action(action), f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in"
 
 
-def _remove(args: argparse.Namespace, folder: Path) -> None:
+def _without(args: argparse.Namespace, folder: Path) -> "tuple[ActionLibrary, str]":
     from echoavatar.engine.pipeline.actions import ActionLibrary
 
     library, _ = _library(folder)
     gone = library.find(args.name)
-    ActionLibrary({name: action for name, action in library.items() if action is not gone}).save(folder)
-    print(f"{gone.name} removed from {folder / 'actions.json'}")
+    left = ActionLibrary({name: action for name, action in library.items() if action is not gone})
+    return left, f"{gone.name} removed from"
 
 
 def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 WORDS_HELP = (
-    "words of the sound, some of which get a gesture: JSON, a list of {text, start, end} in seconds; .vtt; .srt"
+    "words of the sound, some of which get a gesture: JSON of a recogniser such as Whisper, or a list of {text, start,"
+    " end} in seconds; .vtt; .srt"
 )
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.models.audio.files import check_sound
     from echoavatar.motion.stages.modes import MotionOptions
 
-    places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
+    others = {"rig": args.rig, "map": args.map, "words": args.words}
+    places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound", **others)
     for output in places:
         check_output(output, has_rig=args.rig is not None)
     if args.map is not None and args.rig is None:

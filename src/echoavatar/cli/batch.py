@@ -33,7 +33,9 @@ def add_outputs(parser: argparse.ArgumentParser, several: str) -> None:
     )
 
 
-def outputs(inputs: Sequence[Path], output: Path, suffix: str, *, known: Collection[str], kind: str) -> list[Path]:
+def outputs(
+    inputs: Sequence[Path], output: Path, suffix: str, *, known: Collection[str], kind: str, **others: Path | None
+) -> list[Path]:
     """Where each input's output goes: `output` itself, or a file of the input's name in that folder, which is made.
 
     Args:
@@ -42,9 +44,10 @@ def outputs(inputs: Sequence[Path], output: Path, suffix: str, *, known: Collect
         suffix: of the files in a folder.
         known: suffixes that are files' and no folders'.
         kind: what the inputs are, for messages: "sound".
+        others: what else is read, by its kind.
 
     Raises:
-        EchoAvatarError: two would go into one file, or an input would be written over.
+        EchoAvatarError: two would go into one file, or something that is read would be written over.
     """
     if inputs.count(STDIN) > 1:
         raise EchoAvatarError("standard input (-) can be read once; name it once")
@@ -60,9 +63,15 @@ def outputs(inputs: Sequence[Path], output: Path, suffix: str, *, known: Collect
             raise EchoAvatarError(f"two {kind}s are called {twice[0]!r} and would go into one file; rename one")
         made = [output / f"{stem}{suffix}" for stem in stems]
     for path, place in zip(inputs, made, strict=True):
-        if os.path.realpath(place) == os.path.realpath(path):  # links may go round in a circle
-            raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
+        check_apart(place, **{kind: path}, **others)
     return made
+
+
+def check_apart(output: Path | None, **read: Path | None) -> None:
+    """Refuse to write over a file that is read; `read` has the files by their kinds, for the message."""
+    for kind, path in read.items():  # links may go round in a circle
+        if output is not None and path is not None and os.path.realpath(output) == os.path.realpath(path):
+            raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
 
 
 class Batch:

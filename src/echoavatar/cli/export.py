@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.files.exports.formats import SUFFIXES
     from echoavatar.motion.formats.joint_map import read_map
 
-    places = outputs(args.recording, args.output, args.format, known=SUFFIXES, kind="recording")
+    others = {"rig": args.rig, "map": args.map}
+    places = outputs(args.recording, args.output, args.format, known=SUFFIXES, kind="recording", **others)
     for output in places:
         check_output(output, has_rig=args.rig is not None)
     given = read_map(args.map)

@@ -7,6 +7,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
+from .batch import check_apart
 from .options import MAP_HELP, local_path
 
 EXAMPLES = """examples:
@@ -32,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Read the character, measure it, write the profile and print its parts; or write the map of its bones."""
     if args.output is None and not args.template:
         raise EchoAvatarError("the profile needs a place: -o FILE.json")
+    check_apart(args.output, character=args.character, map=args.map)
     if args.output is not None and not args.output.parent.is_dir():
         raise EchoAvatarError(f"cannot write {args.output}: {args.output.parent} is not a folder; make it first")
     from echoavatar.motion.formats.gltf_rig import read_skinned

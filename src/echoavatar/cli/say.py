@@ -10,6 +10,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
 
+from .batch import check_apart
 from .options import add_manner, add_repeated, add_server, local_path, progress, seed
 from .play import SINK_HELP
 
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Send the file."""
+    check_apart(args.output, sound=args.audio)
     if args.output and not args.output.parent.is_dir():
         raise EchoAvatarError(f"folder {args.output.parent} does not exist; create it first")
     try:

@@ -5,6 +5,7 @@ action of the library, so early that its stroke meets the word. `words.json` hol
 actions that show it. Which words get a gesture follows from the seed, the liveliness and the gestures before.
 """
 
+import logging
 import math
 import operator
 import re
@@ -33,6 +34,8 @@ WORDS, UTTERANCES = 20_000, 256  # that wait
 LETTERS, LATEST_S = 100, 86_400.0  # of a word
 AT_ONCE = 64  # words that are looked at for one chunk; people say ten in that time
 PHRASE = 4  # words of the longest phrase in the table
+_SLOWEST_S = 10.0  # that a word takes; longer ones are told in milliseconds
+_LOG = logging.getLogger(__name__)
 _start = operator.itemgetter(1)
 _CLOCK = r"(?:(\d{1,3}):)?(\d\d):(\d\d[.,]\d{1,3})"
 _CUE = re.compile(_CLOCK + " +--> +" + _CLOCK + r"[^\n]*\n((?:[^\n]+\n?)*)")
@@ -49,22 +52,52 @@ class Word(NamedTuple):
 
 
 def read_words(path: Path) -> list[Word]:
-    """Words of a file: JSON, a list of objects with `text`, `start` and perhaps `end`; or captions (.vtt, .srt).
+    """Words of a file, in order: captions (.vtt, .srt), or JSON of any recogniser of speech.
 
-    The words of a caption share its time by their letters. Raises EchoAvatarError if the file cannot be read, or holds
-    something else.
+    In JSON, words or sentences are objects with `text` or `word`, and `start` and perhaps `end`, or `timestamp` with
+    both; of several lists the longest counts, and of equals the last. The words of a sentence share its time by their
+    letters. Raises EchoAvatarError if the file cannot be read, or holds something else.
     """
-    try:
-        with readable(path):
-            data = read_bytes(path, CONFIG_BYTES)
-        if path.suffix.lower() in (".vtt", ".srt"):
-            return [word for cue in _CUE.finditer(decoded(data)[0].replace("\r", "")) for word in _caption(cue)]
-        rows = read_json(data, str(path))
-        return [Word(row["text"], row["start"], row.get("end")) for row in rows]
-    except (UnicodeError, LookupError, TypeError, AttributeError) as error:
-        raise EchoAvatarError(
-            f"{path} holds no words ({error!r}); give JSON, a list of {{text, start, end}}, or captions"
-        ) from error
+    with readable(path):
+        data = read_bytes(path, CONFIG_BYTES)
+    lists: dict[tuple[str, ...], list[Word]] = {}
+    if path.suffix.lower() in (".vtt", ".srt"):
+        lists[()] = [_caption(cue) for cue in _CUE.finditer(decoded(data)[0].replace("\r", ""))]
+    elif value := read_json(data, str(path)):
+        for place, said in _said(value, ()):
+            lists.setdefault(place, []).append(said)
+    else:
+        return []
+    found = [word for said in max(reversed(lists.values()), key=len, default=[]) for word in _shared(said)]
+    if not found:
+        raise EchoAvatarError(f"{path} holds no words; give JSON, a list of {{text, start, end}}, or captions")
+    lengths = [word.end - word.start for word in found if word.end is not None]
+    if sum(lengths) > _SLOWEST_S * len(found):
+        _LOG.warning("%s: its times are taken for milliseconds", path)
+        found = [Word(text, at / 1000, None if end is None else end / 1000) for text, at, end in found]
+    return sorted(found, key=_start)
+
+
+def _said(value: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Word]]:
+    """What is said in JSON, and the keys under which it stands."""
+    if isinstance(value, dict):
+        text, times = value.get("text", value.get("word")), value.get("timestamp")
+        start, end = times if isinstance(times, list) and len(times) == 2 else (value.get("start"), value.get("end"))
+        if isinstance(text, str) and isinstance(start, int | float):
+            yield place, Word(text, start, end if isinstance(end, int | float) else None)
+    for key, inner in value.items() if isinstance(value, dict) else (("", one) for one in value):
+        if isinstance(inner, dict | list):
+            yield from _said(inner, (*place, key) if key else place)
+
+
+def _shared(said: Word) -> Iterator[Word]:
+    """The words of a sentence; each has a share of its time, by their letters."""
+    words, at = said.text.split(), said.start
+    per_letter = None if said.end is None else (said.end - said.start) / max(sum(map(len, words)), 1)
+    for word in words:
+        end = None if per_letter is None else at + per_letter * len(word)
+        yield Word(word, at, end)
+        at = at if end is None else end
 
 
 class _Concept(NamedTuple):
@@ -167,14 +200,10 @@ class WordGestures:
                 del self._words[utterance]
 
 
-def _caption(cue: re.Match[str]) -> Iterator[Word]:
+def _caption(cue: re.Match[str]) -> Word:
     *clock, text = cue.groups(default="0")
     first, last = (3600 * int(h) + 60 * int(m) + float(s.replace(",", ".")) for h, m, s in (clock[:3], clock[3:]))
-    words, at = _TAG.sub("", text).split(), first
-    per_letter = (last - first) / max(sum(map(len, words)), 1)
-    for word in words:
-        yield Word(word, at, at + per_letter * len(word))
-        at += per_letter * len(word)
+    return Word(_TAG.sub("", text), first, last)
 
 
 def _words_of(rows: Iterable[Sequence[Any]]) -> list[Word]:

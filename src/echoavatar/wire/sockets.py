@@ -58,11 +58,10 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         listener.bind((host, port))
         listener.listen(BACKLOG)
-    except OSError as error:
+    except (OSError, OverflowError, ValueError) as error:  # no such port; no such name
         listener.close()
-        raise EchoAvatarError(
-            f"cannot listen on {host} port {port}: {error.strerror}; choose another host or port"
-        ) from error
+        reason = getattr(error, "strerror", None) or error
+        raise EchoAvatarError(f"cannot listen on {host} port {port}: {reason}; choose another host or port") from error
     return listener
 
 

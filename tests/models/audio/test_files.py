@@ -9,6 +9,7 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from av.stream import Disposition
 from tests.models.audio.sounds import encode, joined, level_db, tagged, talk, with_sizes
 
 from echoavatar.errors import AudioError
@@ -210,9 +211,11 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "an error of an API": (lambda: b'{"error": {"message": "quota exceeded"}}', "but text .*quota exceeded"),
     "a page": (lambda: b"\n<!DOCTYPE html>\n<html><title>404</title></html>", "but a web page"),
     "raw samples": (lambda: (TWO * 32_767).astype("<i2").tobytes(), "raw samples need their rate"),
-    "an archive": (lambda: b"PK\3\4" + bytes(range(256)) * 20, "is not a sound file"),
+    "an archive": (lambda: b"PK\3\4" + bytes(range(256)) * 20, "is a ZIP archive and no sound file; unpack it"),
     "samples of another byte order": (lambda: b"RIFX\0\0\1\0WAVEfmt " + bytes(200), "byte order of old computers"),
     "zeros": (lambda: bytes(5_000), "but zeros; copy it again"),
+    "raw samples that begin with silence": (lambda: bytes(5_000) + bytes(range(1, 256)), "raw samples need their rate"),
+    "notes": (lambda: b"MThd\0\0\0\6\0\0\0\1\0\x60MTrk\0\0\0\4\0\xff\x2f\0", r"notes \(MIDI\) and no sound; play them"),
     "a WAV without samples": (lambda: wav(struct.pack("<HHIIHH", 1, 1, 24_000, 48_000, 2, 16), b""), "no samples"),
     "a recorder's second blob": (lambda: b"\x1fC\xb6u\x01\xff\xff\xff" + bytes(range(99)), "put the first part before"),
     "a segment of a stream": (lambda: b"\0\0\0\x10moof\0\0\0\x08mfhd", "put the first part before"),
@@ -280,6 +283,25 @@ def test_sound_that_begins_late_in_a_film_keeps_its_place(tmp_path: Path) -> Non
     heard = read_audio(tmp_path / "a.mp4")
     assert np.abs(heard[:23_900]).max() < 1e-3
     is_talk(heard[24_000:])
+
+
+@pytest.mark.parametrize("kind", ["mp4", "mkv"])
+@pytest.mark.parametrize("chosen", [0, 1])
+def test_of_several_tracks_the_one_that_players_play_is_read(tmp_path: Path, kind: str, chosen: int) -> None:
+    """As the language of a film that is marked to be heard."""
+    other = (0.1 * np.sin(np.arange(48_000) / 3)).astype(np.float32)
+    with av.open(str(tmp_path / f"a.{kind}"), "w") as film:
+        streams = [film.add_stream("alac", rate=24_000, layout="mono") for _ in range(2)]
+        for number, stream in enumerate(streams):
+            stream.disposition = Disposition.default if number == chosen else 0
+        for number, stream in enumerate(streams):
+            cut = av.AudioResampler("s16p", "mono", 24_000, 4_096)
+            frame = av.AudioFrame.from_ndarray((TWO if number == chosen else other)[None], "fltp", "mono")
+            frame.sample_rate = 24_000
+            for piece in [*cut.resample(frame), *cut.resample(None)]:
+                film.mux(stream.encode(piece))
+            film.mux(stream.encode(None))
+    is_talk(read_audio(tmp_path / f"a.{kind}"))
 
 
 def test_a_sound_is_found_by_its_name_in_any_letters(tmp_path: Path) -> None:

@@ -28,10 +28,12 @@ def animated(path: Path, change: Callable[[Buffer], dict], *, name: str = "one")
     buffer.data, buffer.views, buffer.accessors = bytearray(file.data), document["bufferViews"], document["accessors"]
     sampler = change(buffer)
     document["buffers"] = [{"byteLength": len(buffer.data)}]
-    channel = {"sampler": 0, "target": {"node": NAMES.index("leftUpperArm"), "path": "rotation"}}
+    hips, arm = (
+        {"sampler": 0, "target": {"node": NAMES.index(bone), "path": "rotation"}} for bone in ("hips", "leftUpperArm")
+    )
     document["animations"] = [
-        {"name": "still", "samplers": [sampler], "channels": [channel | {"target": {"node": 0, "path": "rotation"}}]},
-        {"name": name, "samplers": [sampler], "channels": [channel]},
+        {"name": "still", "samplers": [sampler], "channels": [hips]},
+        {"name": name, "samplers": [sampler], "channels": [arm, hips]},
     ]
     path.write_bytes(container(document, bytes(buffer.data)))
     return path
@@ -117,6 +119,33 @@ def test_of_several_the_first_that_moves_the_body_is_read(tmp_path: Path, caplog
 
     assert read_take(changed(tmp_path / "a.glb", put_first)).motion.frames == 3
     assert "(lights, still, one); 'still' is read" in caplog.text
+
+
+def test_a_pose_before_the_animation_is_passed_over(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    data = changed(tmp_path / "a.glb", lambda animations: None)
+    file, buffer = read_chunks(data), Buffer()
+    document = file.document
+    buffer.data, buffer.views, buffer.accessors = bytearray(file.data), document["bufferViews"], document["accessors"]
+    keys = {
+        "input": buffer.add(np.array([0, 1], np.float32)),
+        "output": buffer.add(np.array([turn(1)] * 2, np.float32)),
+    }
+    spline = keys | {"output": buffer.add(np.array([[0] * 4, turn(1), [0] * 4] * 2, np.float32))}
+    for sampler in (keys, spline | {"interpolation": "CUBICSPLINE"}):
+        document["animations"].insert(0, document["animations"][0] | {"name": "T-pose", "samplers": [sampler]})
+    document["buffers"] = [{"byteLength": len(buffer.data)}]
+    data.write_bytes(container(document, bytes(buffer.data)))
+    assert read_take(data).motion.frames == 3
+    assert "(T-pose, T-pose_2, still, one); 'still' is read" in caplog.text
+
+
+def test_an_animation_for_each_node_is_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """So write COLLADA2GLTF, and Blender for a body whose parent moves too."""
+    whole = read_take(changed(tmp_path / "a.glb", lambda animations: None), animation="one").motion
+    apart = changed(tmp_path / "b.glb", lambda animations: animations[1].update(channels=animations[1]["channels"][:1]))
+    np.testing.assert_array_equal(read_take(apart).motion.rotations, whole.rotations)
+    assert "(still, one); 2 of other bones each are one" in caplog.text
+    assert read_take(apart, animation="one").motion.rotations[-1, 0] == pytest.approx(whole.rotations[0, 0], abs=1e-6)
 
 
 def test_animations_of_one_name_are_numbered(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

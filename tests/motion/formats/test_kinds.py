@@ -53,9 +53,15 @@ def test_other_files_are_named_with_the_remedy(content: bytes, tmp_path: Path) -
 
 def test_what_is_missing_or_no_file_is_left_to_its_reader(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.bvh")
-    for name, said in (("none.bvh", "not exist"), ("none.npz", "not exist"), ("pipe.bvh", "not a regular file")):
-        with pytest.raises(MotionError, match=said):
-            read_take(tmp_path / name)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    for name, said in (
+        ("none.bvh", "not exist"), ("pipe.bvh", "not a regular file"),
+        ("*.fbx", "not exist"), ("pipe", "not a regular file"), ("loop", "cannot be read"), ("", "not a regular file"),
+    ):  # fmt: skip
+        for read in (read_take, read_rig):
+            with pytest.raises(MotionError, match=said):
+                read(tmp_path / name)
     assert kind_of(tmp_path / ("x" * 300 + ".glb")) == GLTF
 
 

@@ -9,13 +9,25 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
-from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.upright import UNITS, Stand, axes_of, measure, metres_of, of_clip, righted, turned
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics.rotations import quaternion_multiply
+from echoavatar.motion.kinematics.upright import (
+    UNITS,
+    Stand,
+    axes_of,
+    measure,
+    metres_of,
+    of_clip,
+    righted,
+    triples,
+    turned,
+)
 
 PERSON = swaying(4)
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
 SIDEWAYS = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # facing +X
 STILL = np.eye(3)
+MIRROR = np.diag([1.0, 1, -1])  # as programs with a left-handed world write, which do not turn it
 
 
 @pytest.mark.parametrize(
@@ -28,11 +40,16 @@ STILL = np.eye(3)
         (QUARTER @ SIDEWAYS, QUARTER @ SIDEWAYS, "it is turned"),
         (QUARTER @ SIDEWAYS @ SIDEWAYS, QUARTER @ SIDEWAYS @ SIDEWAYS, "it is turned"),
         (QUARTER @ QUARTER, QUARTER @ QUARTER, "it is turned"),
+        (MIRROR, MIRROR, "it is mirrored"),
+        (MIRROR @ SIDEWAYS @ SIDEWAYS, MIRROR @ SIDEWAYS @ SIDEWAYS, "it is mirrored"),
+        (QUARTER @ MIRROR, QUARTER @ MIRROR, "it is mirrored"),
+        (MIRROR, QUARTER @ MIRROR, "it is mirrored"),
         (STILL, STILL, ""),
     ],
 )
 def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     made = turned(PERSON, rest, world)
+    np.testing.assert_allclose(made.pose().positions, PERSON.pose().positions @ world.T, atol=1e-5)
     write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
     motion = read_bvh(tmp_path / "a.bvh")
     assert said in caplog.text
@@ -131,10 +148,44 @@ def test_an_unheard_of_unit_makes_a_person_of_the_figure(tmp_path: Path, caplog:
     np.testing.assert_allclose(motion.pose().positions, PERSON.pose().positions, atol=0.05)
 
 
-def test_places_in_another_unit_than_the_bones_are_refused(tmp_path: Path) -> None:
-    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, 1000 * PERSON.root, 30)
+@pytest.mark.parametrize("times", [100, 1000])
+def test_hips_that_fly_because_their_keys_have_another_unit_come_down(times, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, times * PERSON.root, 30)
+    motion = read_bvh(tmp_path / "a.bvh")
+    np.testing.assert_allclose(motion.root, PERSON.root, atol=1e-5)
+    assert f"its hips are {times} times as high as its legs are long" in caplog.text
+
+
+@pytest.mark.parametrize("add", [-0.95, 95.0])
+def test_hips_at_the_origin_or_far_above_it_stay_there(add, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    root = PERSON.root + np.array([0, add * (0.4 if add > 0 else 1), 0], np.float32)
+    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, root, 30)
+    np.testing.assert_allclose(read_bvh(tmp_path / "a.bvh").root, root, atol=1e-4)
+    assert not caplog.text
+
+
+def test_places_in_some_other_unit_are_refused(tmp_path: Path) -> None:
+    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, 300 * PERSON.root, 30)
     with pytest.raises(MotionError, match=r"a\.bvh: its hips move \d+ times its height a second"):
         read_bvh(tmp_path / "a.bvh")
+
+
+def test_feet_that_point_back_in_the_rest_pose_alone_are_no_mirror() -> None:
+    """Legs are turned by half a turn in every frame, and so they were at rest."""
+    config, rotations = HUMANOID.config, PERSON.rotations.copy()
+    offsets, half = np.array(config.offsets), np.diag([-1.0, 1, -1])
+    below = [joint for joint, name in enumerate(HUMANOID.names) if name.endswith(("LowerLeg", "Foot", "Toes"))]
+    offsets[below] = offsets[below] @ half
+    thighs = [HUMANOID.index(f"{side}UpperLeg") for side in ("left", "right")]
+    rotations[:, thighs] = quaternion_multiply(rotations[:, thighs], np.array([0.0, 0, 1, 0]))
+    # turned about Y on both sides, the joints below keep their axes
+    rotations[:, below, 1] *= -1
+    rotations[:, below, 3] *= -1
+    twisted = Motion(Skeleton(config.model_copy(update={"offsets": triples(offsets)})), rotations, PERSON.root, 30.0)
+    places = PERSON.pose().positions
+    np.testing.assert_allclose(twisted.pose().positions[:, below], places[:, below], atol=1e-4)
+    stand = of_clip(twisted, config.vrm)
+    np.testing.assert_allclose(righted(twisted, stand._replace(metres=1.0)).pose().positions, places, atol=1e-4)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.2, -1.0, 0.3), (0.0, 2.0, 1.0)])

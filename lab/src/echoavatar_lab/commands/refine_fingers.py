@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from echoavatar.cli.batch import check_apart
 from echoavatar.cli.options import MAP_HELP, progress, seed
 from echoavatar.errors import EchoAvatarError
 

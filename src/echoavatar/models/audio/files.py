@@ -18,6 +18,7 @@ import numpy as np
 from av.codec import Codec
 from av.codec.codec import UnknownCodecError
 from av.container import InputContainer
+from av.stream import Disposition
 from jaxtyping import Float
 
 from echoavatar.errors import AudioError
@@ -51,6 +52,10 @@ _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
 # The head of a WAV with whole numbers: its channels, and the bytes of a sample of all of them.
 _WHOLE = re.compile(rb"fmt .\0\0\0(?:\x01\0|\xfe\xff(?=.{22}\x01\0))(.)\0.{8}(.)\0", re.DOTALL)
+_NO_SOUND = {
+    b"MThd": "is notes (MIDI) and no sound; play them into a WAV file, for example with FluidSynth",
+    b"PK\x03\x04": "is a ZIP archive and no sound file; unpack it",
+}
 _FRAME = re.compile(rb"\xff[\xe0-\xff]")
 _TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
@@ -136,12 +141,13 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
 
 
 def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
-    tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
-    stated = [_stated_roles(stream) for stream in container.streams.audio]
+    streams = _tracks(container)
+    tracks = {stream.index: number for number, stream in enumerate(streams)}
+    stated = [_stated_roles(stream) for stream in streams]
     head = _head(path, part.start) if container.format.name == "wav" else b""
-    decoders = {stream.index: _decoder(stream, head) for stream in container.streams.audio}
+    decoders = {stream.index: _decoder(stream, head) for stream in streams}
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
-    packets, faults, seconds, begun = container.demux(container.streams.audio), 0, 0.0, set[int]()
+    packets, faults, seconds, begun = container.demux(streams), 0, 0.0, set[int]()
     while faults <= _MOST_FAULTS:
         try:
             packet = next(packets, None)
@@ -174,9 +180,14 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
         _LOG.warning("%s breaks off: %.0f %% of what it announces is there", path, 100 * share)
 
 
+def _tracks(container: InputContainer) -> list[av.AudioStream]:
+    """The tracks of sound, before others those that the file says to play, as players do."""
+    return sorted(container.streams.audio, key=lambda stream: not stream.disposition & Disposition.default)
+
+
 def _share(container: InputContainer, path: Path, part: range, seconds: float) -> float:
     """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
-    first, share = container.streams.audio[0], 1.0
+    first, share = _tracks(container)[0], 1.0
     if container.format.name == "wav":
         share = len(part) / (8 + int.from_bytes(_head(path, part.start)[4:8], "little"))
     elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
@@ -184,10 +195,10 @@ def _share(container: InputContainer, path: Path, part: range, seconds: float) -
     return share if share > _UNKNOWN else 1.0
 
 
-def _head(path: Path, start: int = 0) -> bytes:
+def _head(path: Path, start: int = 0, length: int = 1024) -> bytes:
     with path.open("rb") as file:
         file.seek(start)
-        return file.read(1024)
+        return file.read(length)
 
 
 def _decoder(stream: av.AudioStream, head: bytes) -> Any:
@@ -289,12 +300,14 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
 def _what_it_is(path: Path, failure: str) -> str:
     """The error of a file in which there is no sound: its kind, and the remedy."""
     begin = _head(path)
+    if begin[:4] in _NO_SOUND:
+        return _NO_SOUND[begin[:4]]
     text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
     if text.lower().startswith(("<!doctype html", "<html")):
         return "is not a sound file but a web page; download the sound itself"
     if not re.search(r"[\0-\x08\x0e-\x1a]", text) and text.count("\ufffd") < 2:  # one letter may be cut
         return f"is not a sound file but text ({' '.join(text[:60].split())!r}); download the sound itself"
-    if not begin.strip(b"\0"):
+    if not _head(path, length=1 << 20).strip(b"\0"):  # raw samples may begin with silence
         return "is not a sound file but zeros; copy it again, whole"
     if begin[4:8] == b"ftyp":
         return "is an MP4 that is cut off or damaged; copy it again, whole"

@@ -40,7 +40,7 @@ from ..kinematics.motion import Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig, numbered
-from ..kinematics.upright import Stand, of_clip, righted, triples
+from ..kinematics.upright import Stand, of_clip, placed, righted, triples
 
 _log = logging.getLogger(__name__)
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
@@ -102,7 +102,11 @@ def read_standing(
         motion = _assemble(_body(joints, notes), frames, fps, notes)
         if given is not None:
             motion = replace(motion, skeleton=with_bones(motion.skeleton, given))
-        stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, known_bones(motion.skeleton))
+        bones = known_bones(motion.skeleton)
+        stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, bones)
+        notes += [] if metres_per_unit else stand.notes()
+        motion = righted(motion, stand)
+        motion = motion if metres_per_unit else placed(motion, bones, notes)
     except _TextError as error:
         place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
         raise MotionError(f"{path}{place}: {error}") from None
@@ -110,9 +114,9 @@ def read_standing(
         raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    if notes := notes + ([] if metres_per_unit else stand.notes()):
+    if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
-    return righted(motion, stand), stand
+    return motion, stand
 
 
 class _TextError(Exception):

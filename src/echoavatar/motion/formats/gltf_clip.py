@@ -5,6 +5,7 @@ the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from ..kinematics.skeleton import numbered
+from ..kinematics.upright import placed
 from .gltf_data import refusing_damage
 from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
@@ -28,10 +30,15 @@ _log = logging.getLogger(__name__)
 _RATES = (1.0, 240.0)  # keys per second that count as a frame rate
 _EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+_STILL = 1e-5  # keys that differ by less do not move
+_Track = tuple[Float[Array, " k"], Float[Array, "k n c"], str]
+_Targets = dict[tuple[int, str], int]  # the sampler of each node and property
 
 
 def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | None = None) -> Motion:
-    """The animation of this name, or the first that moves a bone; `given` is the user's map of the bones.
+    """The animation of this name, or the first in which a bone moves; `given` is the user's map of the bones.
+
+    Some programs write an animation for each node. Those are one, unless one is asked for.
 
     Raises:
         MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
@@ -45,24 +52,46 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
             raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
         needed = {*rig.order, *above(rig.parents, rig.order[0])}
-        moving = (name for name, entry in zip(known, entries, strict=True) if _targets(entry, needed))
-        chosen = next(moving, known[0]) if animation is None else animation
+        targets = [_targets(entry, needed) for entry in entries]
+        chosen = [known.index(animation)] if animation is not None else _chosen(rig, entries, targets)
         if animation is None and len(known) > 1:
-            _log.warning("%s has %d animations (%s); %r is read", path, len(known), ", ".join(known), chosen)
-        return _sampled(rig, entries[known.index(chosen)], needed)
+            read = f"{known[chosen[0]]!r} is read" if len(chosen) == 1 else f"{len(chosen)} of other bones each are one"
+            _log.warning("%s has %d animations (%s); %s", path, len(known), ", ".join(known), read)
+        tracks = {
+            target: _keys(rig, entries[k]["samplers"][sampler], _PATHS[target[1]])
+            for k in chosen
+            for target, sampler in targets[k].items()
+        }
+        if not tracks:
+            raise MotionError(f"{path}: its animation {known[chosen[0]]!r} moves no bone; choose another")
+        return _sampled(rig, tracks, needed)
 
 
-def _targets(entry: dict[str, Any], nodes: set[int]) -> dict[tuple[int, str], int]:
+def _chosen(rig: GltfRig, entries: list[dict[str, Any]], targets: list[_Targets]) -> list[int]:
+    """The first animation in which a bone moves, or all if all but one have a node each, of their own."""
+
+    def moves(k: int) -> bool:
+        samplers = [entries[k]["samplers"][number] for number in targets[k].values()]
+        keys = [
+            rig.accessor(one["output"])[slice(1, None, 3) if one.get("interpolation") == "CUBICSPLINE" else slice(None)]
+            for one in samplers
+        ]
+        return any(len(values) and np.ptp(values, axis=0).max() > _STILL for values in keys)
+
+    touching = [k for k, some in enumerate(targets) if some] or [0]
+    nodes = [{node for node, _ in targets[k]} for k in touching]
+    if sum(map(len, nodes)) == len(set().union(*nodes)) and sum(len(some) > 1 for some in nodes) < 2:
+        return touching
+    return [next(filter(moves, touching), touching[0])]
+
+
+def _targets(entry: dict[str, Any], nodes: set[int]) -> _Targets:
     """The sampler of each of these nodes, and of each of its properties, that an animation moves."""
     channels = [(channel["target"], channel["sampler"]) for channel in entry["channels"]]
     return {(at["node"], at["path"]): k for at, k in channels if at.get("node") in nodes and at["path"] in _PATHS}
 
 
-def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
-    targets = _targets(entry, needed)
-    tracks = {target: _keys(rig, entry["samplers"][k], _PATHS[target[1]]) for target, k in targets.items()}
-    if not tracks:
-        raise MotionError(f"{rig.path}: its animation {entry.get('name', '')!r} moves no bone; choose another")
+def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[int]) -> Motion:
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
     steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps
@@ -84,12 +113,19 @@ def _sampled(rig: GltfRig, entry: dict[str, Any], needed: set[int]) -> Motion:
     turned = rig.turn @ unscaled(full) @ rig.frames.swapaxes(-1, -2)
     local = turned.copy()
     local[:, 1:] = turned[:, list(rig.skeleton.parents[1:])].swapaxes(-1, -2) @ turned[:, 1:]
-    places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T - rig.place(rig.order[0]) * [1, 0, 1]
+    places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T
     rotations = quaternion_from_matrix(local).astype(np.float32)
-    return Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
+    motion, notes = Motion(rig.skeleton, rotations, places.astype(np.float32), fps), list[str]()
+    try:
+        motion = placed(motion, rig.skeleton.config.vrm, notes)
+    except MotionError as error:
+        raise MotionError(f"{rig.path}: {error}") from error
+    if notes:
+        _log.warning("%s: %s", rig.path, "; ".join(notes))
+    return replace(motion, root=(motion.root - rig.place(rig.order[0]) * [1, 0, 1]).astype(np.float32))
 
 
-def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
+def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> _Track:
     """Times, values (with tangents before and after for a cubic spline) and kind of interpolation."""
     times, values = (rig.accessor(sampler[key]) for key in ("input", "output"))
     kind = sampler.get("interpolation", "LINEAR")
@@ -101,7 +137,7 @@ def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Arra
     return times[:, 0], values, kind
 
 
-def _at(track: tuple[Array, Array, str], times: Float[Array, " t"]) -> Float[Array, "t c"]:
+def _at(track: _Track, times: Float[Array, " t"]) -> Float[Array, "t c"]:
     """The values at these times."""
     keys, values, kind = track
     last = len(keys) - 1

@@ -1,8 +1,12 @@
 """What a file of motion or of a character is: its content tells, whatever it is called."""
 
 import re
+import sys
 from contextlib import suppress
 from pathlib import Path
+
+from echoavatar.errors import MotionError
+from echoavatar.limits import check_file, readable
 
 BVH, GLTF, NPZ = "BVH", "glTF", "NPZ"
 _SUFFIXES = {".bvh": BVH, ".npz": NPZ, **dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), GLTF)}
@@ -18,7 +22,8 @@ _HEAD_BYTES = 1 << 16
 def kind_of(path: Path) -> str:
     """`BVH`, `GLTF` or `NPZ` by the content, or else by the suffix; "" where neither is known.
 
-    The reader of that kind says what is wrong with a file that is missing, damaged or none.
+    The reader of that kind says what is wrong with a file that is missing, damaged or none. Raises MotionError where
+    there is no file, and the suffix does not tell which reader would say so.
     """
     head = b""
     with suppress(OSError, ValueError):
@@ -27,4 +32,8 @@ def kind_of(path: Path) -> str:
                 head = file.read(_HEAD_BYTES)
     begin = _MARKS.sub(b"", head).lstrip()
     by_content = (kind for pattern, kind in _BEGINS.items() if re.match(pattern, begin))
-    return next(by_content, _SUFFIXES.get(path.suffix.lower(), ""))
+    kind = next(by_content, _SUFFIXES.get(path.suffix.lower(), ""))
+    if not (kind or head):
+        with readable(path, MotionError):
+            check_file(path, sys.maxsize, MotionError)
+    return kind

@@ -24,7 +24,7 @@ from ..kinematics.motion import Motion
 from ..kinematics.named_bones import finger_bones
 from ..kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, quaternion_from_matrix
 from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
-from ..kinematics.upright import of_clip, righted
+from ..kinematics.upright import of_clip, placed, righted
 
 _log = logging.getLogger(__name__)
 _Layout = Mapping[int, Collection[int]]  # the joints of the rig that an array has, by their count
@@ -115,11 +115,11 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     rig = rig or skeleton()
     rotations = quaternion_from_axis_angle(poses).astype(np.float32)
     motion = Motion(rig, rotations, trans.astype(np.float32), fps)
+    stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
     try:
-        stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+        motion = placed(righted(motion, stand), rig.config.vrm, notes)
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    motion = righted(motion, stand)
     spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
     if spine[1] < _UPRIGHT:
         raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")

@@ -1,9 +1,9 @@
 """How a figure stands in its file: unit, up and facing are measured on it, because most formats do not say them.
 
 `measure` needs the rest pose alone. `of_clip` looks at the motion as well, because some programs turn the root of an
-upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing +Z. `axes_of` and `metres_of`
-serve glTF, whose nodes say how a figure may lean and which unit is meant, and may mirror it. Both find the axes by
-`_standing`.
+upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing +Z, and `placed` puts its hips
+into the unit of its bones. `axes_of` and `metres_of` serve glTF, whose nodes say how a figure may lean and which unit
+is meant. Both find the axes by `_standing`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,6 +43,8 @@ _LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 degrees and of a third of one
 _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
 _SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
 _MOSTLY, _FASTEST = 0.9, 10.0  # of the time; heights a second, which nobody moves
+_TIMES, _NEAR = (100.0, 1000.0), 1.15  # by how much the places of the hips may be too large, and how nearly
+_BEHIND = 0.02  # of the lengths of trunk and legs: toes so far behind the feet belong to a mirrored figure
 _SAMPLES = 64  # frames of a clip that are looked at
 _NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
 _Vector = Float[np.ndarray, "3"]
@@ -50,7 +52,7 @@ _Turn = Float[np.ndarray, "3 3"]
 
 
 class Stand(NamedTuple):
-    """What makes a file's axes and unit ours; the rest pose and the world may need different turns."""
+    """What makes a file's axes and unit ours; rest pose and world may need different turns, or both a mirror."""
 
     rest: _Turn = np.eye(3)
     world: _Turn = np.eye(3)
@@ -62,6 +64,8 @@ class Stand(NamedTuple):
         rest, world = (np.trace(turn) < _SAME for turn in (self.rest, self.world))
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
+        if np.linalg.det(self.rest) < 0:
+            notes = ["it is mirrored, because its left is on the right of its feet"]
         if self.metres != usual:
             name = next((name for name, metres, *_ in UNITS if metres == self.metres), f"{self.metres:.3g} m")
             notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
@@ -87,8 +91,10 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
         return Stand(metres=metres, tall=tall * metres)
     hips, shoulders = (at[f"left{bone}"] - at[f"right{bone}"] for bone in ("UpperLeg", "UpperArm"))
     ahead = np.cross(hips, up)
-    is_plain = ahead.any() and _toes(at) @ ahead >= 0 and shoulders @ hips >= 0  # no twisted figure
+    is_plain = ahead.any() and shoulders @ hips >= 0  # no twisted figure
     turn = _standing(hips, [(np.eye(3), up)]) if is_plain else _lifted(up)
+    if is_plain and _toes(at) @ turn[2] < -_BEHIND * tall / _TALL:
+        turn = turn * [[1], [1], [-1]]
     return Stand(turn, turn, metres, tall * metres)
 
 
@@ -103,19 +109,15 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
 def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
     """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
 
-    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up. Raises MotionError: it moves
-    faster than any body, because its places have another unit.
+    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up.
     """
     stand = measure(bones, motion.skeleton.rest_positions)
     if not stand.tall:
         return stand
     tall = stand.tall / stand.metres
-    speeds = np.linalg.norm(np.diff(motion.root.astype(np.float64), axis=0), axis=1) * motion.fps / tall
-    if speeds.size and (speed := float(np.quantile(speeds, _MOSTLY))) > _FASTEST:
-        raise MotionError(f"its hips move {speed:.0f} times its height a second; give places in the unit of its bones")
-    seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
-    some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
-    places = some.pose(np.float64).positions
+    places = _seen(motion)
+    if np.linalg.det(stand.rest) < 0 and _faces_toes(bones, places, stand.rest[1]):  # the rest pose alone is twisted
+        stand = stand._replace(rest=_lifted(stand.rest[1]), world=_lifted(stand.rest[1]))
     feet = places[:, [bones["leftFoot"], bones["rightFoot"]]]
     mean = unit(places[:, bones["head"]] - feet.mean(1)).mean(0)
     axis, usual = _nearest(np.eye(3), mean), stand.rest[1]
@@ -124,7 +126,41 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
     stands = abs(np.median((feet @ axis).min(1))) < _FLOOR * tall
     hips, lowest = np.median(places[:, bones["hips"]] @ usual), np.median((places @ usual).min(1))
     lies = _LYING[0] * tall < hips < _LYING[1] * tall and lowest > -_FLOOR * tall
-    return stand._replace(world=_lifted(axis)) if stands or not lies or not has_floor else stand
+    world = _lifted(axis) * [[1], [1], [np.sign(np.linalg.det(stand.rest))]]
+    return stand._replace(world=world) if stands or not lies or not has_floor else stand
+
+
+def _seen(motion: Motion) -> Float[np.ndarray, "t j 3"]:
+    """Where the joints are in some frames."""
+    seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
+    some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
+    return some.pose(np.float64).positions
+
+
+def _faces_toes(bones: Mapping[str, int], places: Float[np.ndarray, "t j 3"], up: _Vector) -> bool:
+    """Whether most of the time the toes are ahead of hips whose left is left."""
+    at = {bone: places[:, joint] for bone, joint in bones.items()}
+    ahead = np.cross(at["leftUpperLeg"] - at["rightUpperLeg"], up)
+    return bool(np.median(np.sum(_toes(at) * ahead, -1)) > 0)
+
+
+def placed(motion: Motion, bones: Mapping[str, int], notes: list[str]) -> Motion:
+    """A motion in metres, Y up, with its hips in the unit of its bones, and in `notes` what was changed.
+
+    Some programs scale the bones and not the keys, so that the hips fly a hundred times as high as the legs are long.
+    Raises MotionError: it moves faster than any body, because its places have some other unit.
+    """
+    if _NEEDED - bones.keys() or not (tall := height(bones, motion.skeleton.rest_positions)):
+        return motion
+    places = _seen(motion)[:, [bones["hips"], bones["leftFoot"], bones["rightFoot"]], 1]
+    leg, high = np.median(places[:, 0] - places.min(1)), np.median(places[:, 0])
+    if times := next((times for times in _TIMES if leg / _NEAR < high / times < leg * _NEAR), 0.0):
+        notes.append(f"its hips are {times:g} times as high as its legs are long, and their places are divided by that")
+        motion = Motion(motion.skeleton, motion.rotations, motion.root / np.float32(times), motion.fps)
+    speeds = np.linalg.norm(np.diff(motion.root.astype(np.float64), axis=0), axis=1) * motion.fps / tall
+    if speeds.size and (speed := float(np.quantile(speeds, _MOSTLY))) > _FASTEST:
+        raise MotionError(f"its hips move {speed:.0f} times its height a second; give places in the unit of its bones")
+    return motion
 
 
 def righted(motion: Motion, stand: Stand) -> Motion:
@@ -133,13 +169,14 @@ def righted(motion: Motion, stand: Stand) -> Motion:
 
 
 def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Motion:
-    """The motion with its rest pose and its world turned, each by a rotation of its own, and scaled."""
+    """The motion with its rest pose and its world turned, each by a matrix of its own, and scaled. Both may mirror."""
     config, rotations = motion.skeleton.config, motion.rotations
     offsets = np.array(config.offsets) @ rest.T * scale
     offsets[0] = np.array(config.offsets[0]) @ world.T * scale
     tips = {name: np.array(tip) @ rest.T * scale for name, tip in config.tips.items()}
     if not np.array_equal(rest, np.eye(3)):
-        rotations = np.concatenate([rotations[..., :1], rotations[..., 1:] @ rest.T.astype(np.float32)], -1)
+        axes = np.linalg.det(rest) * rest.T  # of a turn, which goes the other way in a mirror
+        rotations = np.concatenate([rotations[..., :1], rotations[..., 1:] @ axes.astype(np.float32)], -1)
     if not np.array_equal(rest, world):
         first = quaternion_from_matrix(world @ rest.T)
         root = quaternion_multiply(first, rotations[:, 0].astype(np.float64))
@@ -168,7 +205,7 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
     near = [(frame, up) for frame, up in ups if up @ unit(trunk) > _LEANING]
     turn = _standing(across, near or [(np.zeros((3, 3)), unit(trunk))])
     toes = float(_toes(places) @ turn[2])
-    is_mirrored = toes < 0 if abs(toes) > 0.02 * size else mirrored
+    is_mirrored = toes < 0 if abs(toes) > _BEHIND * size else mirrored
     return turn * [[1], [1], [-1 if is_mirrored else 1]]
 
 
