@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, refine, write; print what changed."""
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
+    check_apart(args.output, recording=args.motion)
     from echoavatar.motion.formats import write_bvh
     from echoavatar.motion.formats.bvh import read_standing
     from echoavatar.motion.formats.joint_map import read_map

@@ -3,8 +3,8 @@
 Codes are drawn anew for every latent, and one code holds both arms. While one hand works, the draws also move the
 other, and no hand ever comes to rest. People's hands do: they rest, and they stay up, with small moves. So each arm
 passes a low-pass filter whose cutoff rises with the speed v of its wrist (after the 1 euro filter: Casiez, Roussel and
-Vogel 2012, whose cutoff is linear in the speed). `LEAK` of the other wrist's speed does not count, and a hand that
-stays behind catches up:
+Vogel 2012, whose cutoff is linear in the speed). While one talks, `LEAK` of the other wrist's speed does not count. A
+hand that stays behind catches up:
 
     cutoff = STILL_HZ + GAIN_HZ max(v - LEAK w, CATCH_UP d, TRAVEL u)^2
 
@@ -222,7 +222,8 @@ def rest(  # type: ignore[no-untyped-def]
                 if has_shown[row]:
                     lag = minus(wrist(now, joints[side], offsets[side]), wrist(shown, BONES, offsets[side]))
                     behind = length(lag) / reach[side]
-                pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
+                others = LEAK * hands[row, 2] * speeds[frame, 1 - side]
+                pace = max(speeds[frame, side] - others, CATCH_UP * behind)
                 pace = max(pace, TRAVEL * speeds[frame, 2])
                 cutoff = STILL_HZ + GAIN_HZ * pace * pace
                 share = 1.0 / (1.0 + fps / (2.0 * math.pi * cutoff)) if has_shown[row] else 1.0
