@@ -44,7 +44,7 @@ def test_clear_forgets_unheard_audio_and_unread_motion_but_not_the_past() -> Non
         assert list(session) == []
         session.push(np.full(6_400, 2, np.float32))
         list(session)
-        assert session.core._host._state.total.item() == 6_400 + 12_800  # what was taken before stays heard
+        assert session.core._host._rows.state.total.item() == 6_400 + 12_800  # what was taken before stays heard
 
 
 def test_any_rate_is_accepted_and_bad_values_are_named() -> None:

@@ -25,7 +25,7 @@ def test_an_interruption_in_the_moment_a_chunk_begins_is_put_back_before_it(monk
     delivery = session.take()
     assert delivery is not None
     assert (delivery.start, delivery.epoch) == (8_000, 1)
-    assert session._host._state.total.item() == 8_000
+    assert session._host._rows.state.total.item() == 8_000
 
 
 def test_music_is_made_a_second_ahead_of_the_player_at_most() -> None:

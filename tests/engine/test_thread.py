@@ -105,7 +105,7 @@ def test_an_engine_that_breaks_is_loaded_again_and_the_sessions_go_on(workers: i
     with EngineThread(machine) as thread:
         assert shown(first, 2) == [6_400, 12_800]
         assert len(shown(second, 2)) == 2
-        assert machine._state.total.tolist() == [12_800, 6_400 + 12_800]  # type: ignore[attr-defined]
+        assert machine._rows.state.total.tolist() == [12_800, 6_400 + 12_800]  # type: ignore[attr-defined]
         assert thread.is_alive
     assert machine.restarts == 1
 
@@ -135,7 +135,7 @@ def test_motion_that_is_not_finite_ends_its_session() -> None:
         for core in (bad, good):
             core.push(np.ones(6_400, np.float32))
             shown(core, 1)
-        machine._state.total[bad.seat] = np.nan  # type: ignore[attr-defined]
+        machine._rows.state.total[bad.seat] = np.nan  # type: ignore[attr-defined]
         for core in (bad, good):
             core.push(np.ones(6_400, np.float32))
         assert shown(good, 1) == [12_800]
