@@ -26,7 +26,7 @@ def test_a_clip_of_another_rate_is_played_in_its_own_time(tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize(
-    ("words", "complaint"), [(["missing.npz"], "does not exist"), (["x.wav"], "neither .npz nor .bvh")]
+    ("words", "complaint"), [(["missing.npz"], "does not exist"), ([__file__], "neither .npz nor .bvh")]
 )
 def test_errors_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play", *words, "--sink", "vmc://127.0.0.1"]) == 1
