@@ -33,7 +33,7 @@ def test_the_workflows_call_what_exists() -> None:
         flow = yaml.safe_load(path.read_text("utf-8"))
         steps = [step for job in flow["jobs"].values() for step in job["steps"]]
         called |= {name for step in steps for name in re.findall(r"^make ([\w./-]+)", step.get("run", ""), re.M)}
-        for folder in re.findall(r"(?:scripts|tests)/[\w./]+", str(steps)):
+        for folder in re.findall(r"(?:lab/)?(?:scripts|tests)/[\w./]+", str(steps)):
             assert (ROOT / folder).exists(), folder
     assert called <= targets, called - targets
     tests = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text("utf-8"))["jobs"]["tests"]
