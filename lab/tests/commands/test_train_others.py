@@ -159,7 +159,7 @@ def test_a_corpus_without_training_clips_is_named(tmp_path: Path, capsys: pytest
 def test_defaults_are_the_sizes_of_the_shipped_models() -> None:
     for kind, config, shipped in (
         ("face", FaceConfig, files("echoavatar") / "bundles/default/face"),
-        ("fingers", FingerConfig, files("echoavatar") / "bundles/fingers"),
+        ("fingers", FingerConfig, files("echoavatar_lab") / "bundles/fingers"),
         ("fid-encoder", MotionEncoderConfig, files("echoavatar_lab") / "bundles/fid_encoder"),
     ):
         parser = argparse.ArgumentParser()

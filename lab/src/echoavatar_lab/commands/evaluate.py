@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "dial",
         "what the dials of a speaker's manner do: hand speed from --liveliness 0 to 1, and the right hand's share from"
         " --handedness 0 to 1, over --clips voices from --recordings",
-        *("clips", "recordings", "seconds"),
+        *("clips", "recordings", "seconds", "repeats"),
     )
     dial.add_argument("--captured", type=Path, help="folder of captured motion: also count the jury's rows outside")
     dial.add_argument("--pictures", type=Path, metavar="PNG", help="write a plot")

@@ -246,7 +246,7 @@ def _dial(args: Namespace, bundle: Bundle) -> Numbers:
     sounds, captured = _sounds(args), people.read_people(args.captured) if args.captured else []
     pipeline = Pipeline(bundle.without(["face"]))
     with progress_bar() as say:
-        how = {"seed": args.seed, "progress": partial(say, "settings")}
+        how = {"seeds": _seeds(args), "progress": partial(say, "settings")}
         settings = dial.turn_dials(pipeline, sounds, captured, args.seconds, **how)
     if args.pictures:
         dial.draw(settings, args.pictures)

@@ -41,10 +41,10 @@ def turn_dials(
     captured: Sequence[Take],
     seconds: float,
     *,
-    seed: int = 0,
+    seeds: Sequence[int] = (0,),
     progress: Progress | None = None,
 ) -> list[Setting]:
-    """Each dial at each of `SETTINGS`; `progress` receives the settings done and in all.
+    """Each dial at each of `SETTINGS`, once with each of `seeds`; `progress` receives the settings done and in all.
 
     Raises:
         EchoAvatarError: the model was trained without manners, or there is no speech.
@@ -58,7 +58,7 @@ def turn_dials(
     told += [MotionOptions(handedness=value) for value in SETTINGS]
     found = []
     for options in watched(told, progress):
-        takes = perform(pipeline, voices, seed=seed, options=options)
+        takes = [take for seed in seeds for take in perform(pipeline, voices, seed=seed, options=options)]
         found.append(_setting(options, takes, captured, seconds))
     return found
 
