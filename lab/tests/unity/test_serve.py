@@ -34,17 +34,6 @@ CHAIN = Skeleton(
 )
 
 
-class State:
-    def arrays(self):
-        return []
-
-    def rows(self, which):
-        return self
-
-    def snapshot(self):
-        return []
-
-
 class StandIn(FakePipeline):
     """A pipeline without models: the root's height is the loudness heard, and actions are recorded."""
 
@@ -54,12 +43,6 @@ class StandIn(FakePipeline):
 
     def __init__(self) -> None:
         self.asked: list[list[int]] = []
-
-    def init_state(self, rows):
-        return State()
-
-    def reset(self, state, rows, *, seed, options):
-        pass
 
     def directive(self, members):
         return members
