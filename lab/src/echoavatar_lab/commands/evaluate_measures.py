@@ -246,8 +246,8 @@ def _dial(args: Namespace, bundle: Bundle) -> Numbers:
     sounds, captured = _sounds(args), people.read_people(args.captured) if args.captured else []
     pipeline = Pipeline(bundle.without(["face"]))
     with progress_bar() as say:
-        how = {"seeds": _seeds(args), "progress": partial(say, "settings")}
-        settings = dial.turn_dials(pipeline, sounds, captured, args.seconds, **how)
+        how, seeds = (pipeline, sounds, captured, args.seconds), _seeds(args)
+        settings = dial.turn_dials(*how, seeds=seeds, progress=partial(say, "settings"))
     if args.pictures:
         dial.draw(settings, args.pictures)
     print(dial.as_text(settings))
