@@ -74,10 +74,12 @@ def check_idling(room: Room, minutes: int, seconds: float) -> None:
     before, began, at = size(room), room.now, room.session.place
     for _ in range(minutes):
         idle(room, seconds)
-        moved = [np.ptp(unpack_pose(message).rotations, axis=0).max() for message in room.box.of(Motion)]
+        poses = [unpack_pose(message).rotations for message in room.box.of(Motion)]
+        moved = [np.ptp(rotations, axis=0).max() for rotations in poses]
         assert len(moved) == pytest.approx(seconds / CHUNK_SECONDS, abs=1)
         assert min(moved) > 3e-5, "two units of the wire, in the chunk between two breaths"
-        assert max(moved) < 0.03, "no jump"
+        steps = [np.abs(np.diff(rotations, axis=0)).max() for rotations in poses]
+        assert max(steps) < 0.01, "no joint is faster than 34 degrees a second, a quick look's"
         assert size(room) < 1.01 * before
     played = (room.session.place - at) / SAMPLE_RATE_HZ
     assert played == pytest.approx(room.now - began, abs=2 * CHUNK_SECONDS)
