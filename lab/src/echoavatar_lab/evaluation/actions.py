@@ -3,8 +3,8 @@
 Not in the paper. Measured in the hips' frame on the points that the reference clip moves: joints, and a nose that shows
 where the head is turned. The score is their mean distance from the clip's points in centimetres, without the action and
 with it, over the stretch of the clip that defines the action. The generated body may lag by up to a third of a second.
-Head actions hardly move any point, so for them the rotation range of the head is reported. Everything is averaged over
-a few seeds, because in speech a hand may be close to the clip's by chance.
+Of head actions, beside which the body goes on with what it did, the nose alone counts, and the rotation range of the
+head is reported. Everything is averaged over a few seeds, because in speech a hand may be close to the clip's by chance.
 """
 
 from collections.abc import Sequence
@@ -112,6 +112,8 @@ def _score_action(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS 
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
     if not moved.any():  # standing at ease concerns the whole body
         moved[:] = True
+    if script.is_on_top:  # arms go on with what they did
+        moved[:] = np.arange(len(moved)) == len(moved) - 1
     first, last = (round(second * FRAME_RATE_HZ) for second in script.hold)
     span = wanted[first:last, moved]
 
