@@ -1,4 +1,4 @@
-"""The past of a running module as a value. Loads no torch."""
+"""The past of a running module as a value."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Self
