@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer
 from echoavatar.files.avatar.framing import View
 from echoavatar.files.avatar.video import Shot, film, write_film
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -107,6 +108,17 @@ def test_two_threads_draw_the_frames_in_order() -> None:
     pictures = list(film(standing(9), face=face, shot=shot))
     alone = [next(film(standing(1), face=face[i : i + 1], shot=shot)) for i in range(9)]
     np.testing.assert_array_equal(pictures, alone)
+
+
+def test_a_fault_of_the_renderer_ends_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that wait for a renderer get one, and fail too."""
+
+    def failing(*_: object) -> None:
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(AvatarRenderer, "draw", failing)
+    with pytest.raises(MemoryError, match="no room"):
+        list(film(standing(9), shot=Shot((160, 120), samples=1)))
 
 
 @pytest.mark.parametrize("view", ["front", "bust"])

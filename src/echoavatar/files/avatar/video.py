@@ -101,10 +101,11 @@ def _drawn(
 
     def drawn(frame: int) -> T:
         renderer = idle.get()
-        weights = None if face is None else face[frame]
-        done = finished(renderer.draw(rotations[frame], positions[frame], weights, cameras[frame]), renderer.drawn)
-        idle.put(renderer)
-        return done
+        try:
+            weights = None if face is None else face[frame]
+            return finished(renderer.draw(rotations[frame], positions[frame], weights, cameras[frame]), renderer.drawn)
+        finally:
+            idle.put(renderer)
 
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(THREADS) as threads:
