@@ -12,7 +12,7 @@ ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 WORKDIR /src
 COPY constraints.txt pyproject.toml README.md LICENSE NOTICE ./
 COPY src ./src
-COPY lab/pyproject.toml lab/README.md ./lab/
+COPY lab/pyproject.toml lab/README.md lab/NOTICE ./lab/
 COPY lab/src ./lab/src
 RUN pip install -c constraints.txt ".[${EXTRAS}]" ${LAB}
 

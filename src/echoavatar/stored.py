@@ -1,4 +1,4 @@
-"""What a checkpoint folder stores: `config.json`, `model.safetensors`, `card.json`. Read without torch.
+"""What a checkpoint folder stores: `config.json`, `model.safetensors`, `card.json`.
 
 Nothing is ever unpickled. Uses `config`, `json_reader`, `limits` and `errors` only.
 """

@@ -45,8 +45,10 @@ def test_every_file_that_is_copied_is_there_and_let_through() -> None:
     for source in sources:
         assert (ROOT / source).exists(), source
         assert f"!{Path(source).as_posix()}" in let_through
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert {project["readme"], *project["license-files"]} <= set(sources), "setuptools reads them"
+    for house in (Path(), Path("lab")):
+        project = tomllib.loads((ROOT / house / "pyproject.toml").read_text())["project"]
+        read = {(house / name).as_posix() for name in (project["readme"], *project["license-files"])}
+        assert read <= set(sources), "setuptools reads them"
 
 
 def test_the_extras_that_are_installed_exist_and_only_a_gpu_brings_the_lab() -> None:

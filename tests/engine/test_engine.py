@@ -2,6 +2,7 @@ import gc
 import threading
 import weakref
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tests.engine.fakes import FakePipeline, Heard, engine
 
 from echoavatar.engine import Engine, Session, load
 from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.undo import Patch, Rows
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.motion_chunk import MotionChunk
 
@@ -175,6 +177,24 @@ def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle
     for one, other in zip(faulty, sound, strict=True):
         np.testing.assert_array_equal(one.rotations, other.rotations)
         np.testing.assert_array_equal(one.root, other.root)
+
+
+def test_a_fault_while_what_changed_is_kept_is_taken_back_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    faults, changes = [MemoryError("no room")], Rows.changes
+
+    def failing(*given: Any) -> Patch:
+        if faults:
+            raise faults.pop()
+        return changes(*given)
+
+    monkeypatch.setattr(Rows, "changes", failing)
+    machine = engine()
+    session = machine.open()
+    session.push(np.ones(6_400, np.float32))
+    while machine.work():
+        pass
+    assert machine._rows.state.total.item() == 6_400  # type: ignore[attr-defined]
+    assert len(list(session)) == 1
 
 
 def test_a_pipeline_that_is_loaded_again_leaves_nothing_of_the_old_one_in_memory(tiny_bundle: Path) -> None:

@@ -170,6 +170,14 @@ def test_small_gestures_are_no_rest(size: float, rests: bool) -> None:
     assert settling.must_forget(8, LOUD) == rests
 
 
+def test_a_dance_of_one_who_gestures_little_is_freed_too() -> None:
+    """Nothing makes the moves of a dance smaller."""
+    settling = Settling()
+    for chunk in range(60):
+        settling.made(chunk, LOUD, limbs(DANCING) if chunk < 20 else limbs(STANDING, RESTING), HUMANOID, size=0.0)
+    assert settling.must_forget(60, LOUD)
+
+
 def test_arms_at_rest_are_asked_to_work_after_half_a_second_of_sound() -> None:
     for sound in (LOUD, QUIET):
         settling, asked = Settling(), []

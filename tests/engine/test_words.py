@@ -217,9 +217,12 @@ def test_files_of_words(tmp_path: Path):
     for encoding in ("utf-16", "utf-8-sig", "cp1252"):
         (tmp_path / "talk.srt").write_text("1\n00:00:01,000 --> 00:00:02,000\nein Café\n", encoding)
         assert [word.text for word in read_words(tmp_path / "talk.srt")] == ["ein", "Café"]
+    (tmp_path / "slow.srt").write_text("1\n00:01:00,000 --> 00:01:12,000\nHello\n")
+    assert read_words(tmp_path / "slow.srt") == [("Hello", 60, 72)], "captions tell seconds, however long"
     (tmp_path / "bad.json").write_text('{"text": 3}')
+    (tmp_path / "number.json").write_text("5")
     (tmp_path / "bad.srt").write_text("Dialogue: 0,0:00:01.00,0:00:02.00,Good dogs")
-    for name in ("bad.json", "none.json", "bad.srt"):
+    for name in ("bad.json", "number.json", "none.json", "bad.srt"):
         with pytest.raises(EchoAvatarError, match=name):
             read_words(tmp_path / name)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.engine.pipeline import ActionLibrary
+from echoavatar.engine.pipeline import ActionLibrary, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
@@ -17,6 +17,15 @@ def test_every_built_in_action_is_made_for_the_bundles_tokenizer(
     assert main(["actions", "build", "--model", str(folder)]) == 0
     assert f"{len(SCRIPTS)} actions in {folder / 'actions.json'}" in capsys.readouterr().out
     assert set(ActionLibrary.load(folder, 8)) == set(SCRIPTS)
+
+
+def test_of_a_shipped_model_the_copy_is_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["actions", "build"]) == 0
+    assert f"{len(SCRIPTS)} actions in {Path('my-default/actions.json')}" in capsys.readouterr().out
+    assert set(load_bundle("my-default").actions) == set(SCRIPTS)
 
 
 def test_a_bundle_of_another_rig_is_refused(

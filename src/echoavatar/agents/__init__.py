@@ -1,4 +1,4 @@
 """An avatar behind somebody's agent: clients of a server, the Realtime proxy, framework bridges, MCP tools.
 
-May import `server` and below; `client` and `proxy` import no torch.
+May import `server` and below.
 """

@@ -57,23 +57,19 @@ def run(args: argparse.Namespace) -> int:
     """List or change a library; what cannot be changed is not copied."""
     if args.kind == "list":
         return _list(args.model)
-    if args.kind == "build":
-        _check(args.model, _own(args.model))
-        return int(command_module("actions build").run(args))
     with _readable(args.model) as folder:
-        _check(args.model, folder)
-        library, what = {"add": _with, "remove": _without}[args.kind](args, folder)
+        if not (folder / "tokenizer").is_dir():
+            raise EchoAvatarError(
+                f"{args.model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
+            )
+        if args.kind != "build":
+            library, what = {"add": _with, "remove": _without}[args.kind](args, folder)
     folder = _own(args.model)
+    if args.kind == "build":
+        return int(command_module("actions build").run(argparse.Namespace(model=folder)))
     library.save(folder)
     print(f"{what} {folder / 'actions.json'}")
     return 0
-
-
-def _check(model: str, folder: Path) -> None:
-    if not (folder / "tokenizer").is_dir():
-        raise EchoAvatarError(
-            f"{model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
-        )
 
 
 def _readable(model: str) -> AbstractContextManager[Path]:

@@ -326,13 +326,14 @@ class Engine:
                 self.pipeline.restart_generator(state, forgets)
             chunks = self.pipeline.step(audio, state, active, **told)
             self._rows.put(seats, state)
+            undoing = [self._rows.changes(session.seat, patch) for session, patch in zip(ready, before, strict=True)]
         except BaseException:
             for session, patch in zip(ready, before, strict=True):
                 self._rows.undo(session.seat, patch)
             raise
-        for row, session, patch in zip(rows, ready, before, strict=True):
+        for row, session, patch in zip(rows, ready, undoing, strict=True):
             with suppress(Exception):  # the session notes it as its error
-                session.end_chunk(chunks[row], self._rows.changes(session.seat, patch))
+                session.end_chunk(chunks[row], patch)
 
 
 def load(

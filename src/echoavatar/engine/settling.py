@@ -76,10 +76,11 @@ class Settling:
     def made(
         self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton, *, size: float = 1.0
     ) -> None:
-        """Note a chunk that was made, of a speaker whose gestures are `size` times as large as usual."""
+        """Note a chunk that was made, of a speaker whose gestures, not dances, are `size` times as large as usual."""
         before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
         quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
-        rests = _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING * size
+        most = RESTING * (1 if before.dances else size)
+        rests = _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < most
         rested = before.resting + (not silent) if rests and silent < self._recent else 0
         legs = joint_speed(motion, skeleton, _LEGS)
         now = self._chunks[chunk] = _Chunk(quiet, silent, legs, rested, before.dances)

@@ -52,7 +52,7 @@ class Word(NamedTuple):
 
 
 def read_words(path: Path) -> list[Word]:
-    """Words of a file, in order: captions (.vtt, .srt), or JSON of any recogniser of speech.
+    """Words of a file, in order: captions (.vtt, .srt), or JSON as many recognisers of speech write it.
 
     In JSON, words or sentences are objects with `text` or `word`, and `start` and perhaps `end`, or `timestamp` with
     both; of several lists the longest counts, and of equals the last. The words of a sentence share its time by their
@@ -61,10 +61,11 @@ def read_words(path: Path) -> list[Word]:
     with readable(path):
         data = read_bytes(path, CONFIG_BYTES)
     lists: dict[tuple[str, ...], list[Word]] = {}
-    if path.suffix.lower() in (".vtt", ".srt"):
+    is_caption = path.suffix.lower() in (".vtt", ".srt")
+    if is_caption:
         lists[()] = [_caption(cue) for cue in _CUE.finditer(decoded(data)[0].replace("\r", ""))]
     elif value := read_json(data, str(path)):
-        for place, said in _said(value, ()):
+        for place, said in _said([value], ()):
             lists.setdefault(place, []).append(said)
     else:
         return []
@@ -72,7 +73,7 @@ def read_words(path: Path) -> list[Word]:
     if not found:
         raise EchoAvatarError(f"{path} holds no words; give JSON, a list of {{text, start, end}}, or captions")
     lengths = [word.end - word.start for word in found if word.end is not None]
-    if sum(lengths) > _SLOWEST_S * len(found):
+    if not is_caption and sum(lengths) > _SLOWEST_S * len(found):
         _LOG.warning("%s: its times are taken for milliseconds", path)
         found = [Word(text, at / 1000, None if end is None else end / 1000) for text, at, end in found]
     return sorted(found, key=_start)

@@ -1,4 +1,4 @@
-"""The past of a running module as a value. Loads no torch."""
+"""The past of a running module as a value."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Self
@@ -30,9 +30,6 @@ class StreamState:
 
     def rows(self, which: slice | list[int]) -> Self:
         """The state of some rows. A slice gives views: a step on them changes the whole state; a list gives copies."""
-        if isinstance(which, list) and len(which) == 1:  # indexing by a list takes three times as long
-            one = slice(which[0], which[0] + 1)
-            return self.mapped(lambda part: _copied(part[one]))
         return self.mapped(lambda part: part[which])
 
     def reset(self, rows: Bool[np.ndarray, " b"]) -> None:
@@ -44,10 +41,6 @@ class StreamState:
         """Make the chosen rows equal to the one row of `source`."""
         for part, row in zip(self.arrays(), source.arrays(), strict=True):
             part[rows] = row
-
-
-def _copied(part: Any) -> Any:
-    return part.copy() if isinstance(part, np.ndarray) else part.clone()
 
 
 def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer
 from echoavatar.files.avatar.framing import View
 from echoavatar.files.avatar.video import Shot, film, write_film
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -92,6 +93,13 @@ def test_a_format_without_alpha_is_refused(tmp_path: Path) -> None:
         write_film(tmp_path / "clip.mp4", standing(1), np.zeros(800, np.float32), shot=Shot((32, 32), alpha=True))
 
 
+@pytest.mark.parametrize("size", [(161, 120), (160, 121)])
+def test_an_odd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Two by two pixels share a colour: beside the last one there is no memory to read or to write."""
+    with pytest.raises(MotionError, match=f"{size[0]} x {size[1]} pixels cannot be; width and height are even"):
+        write_film(tmp_path / "clip.webm", standing(2), np.zeros(0, np.float32), shot=Shot(size))
+
+
 def test_two_threads_draw_the_frames_in_order() -> None:
     """The jaw opens frame by frame; each picture is the one that a single renderer draws of this frame."""
     face = np.zeros((9, 52), np.float32)
@@ -100,6 +108,17 @@ def test_two_threads_draw_the_frames_in_order() -> None:
     pictures = list(film(standing(9), face=face, shot=shot))
     alone = [next(film(standing(1), face=face[i : i + 1], shot=shot)) for i in range(9)]
     np.testing.assert_array_equal(pictures, alone)
+
+
+def test_a_fault_of_the_renderer_ends_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that wait for a renderer get one, and fail too."""
+
+    def failing(*_: object) -> None:
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(AvatarRenderer, "draw", failing)
+    with pytest.raises(MemoryError, match="no room"):
+        list(film(standing(9), shot=Shot((160, 120), samples=1)))
 
 
 @pytest.mark.parametrize("view", ["front", "bust"])

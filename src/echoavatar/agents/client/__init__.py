@@ -1,4 +1,4 @@
-"""Speak to a server from Python, without torch. May import `wire`, `timing`, `outgoing` and below.
+"""Speak to a server from Python. May import `wire`, `timing`, `outgoing` and below.
 
 >>> async with connect("http://127.0.0.1:8765") as avatar:
 ...     await avatar.speak(samples, rate=24_000)

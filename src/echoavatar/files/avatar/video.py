@@ -53,12 +53,15 @@ def write_film(
 ) -> None:
     """Film the character into .mp4 or .webm. `audio` is mono at 24 kHz and starts with the first frame.
 
-    `face` holds blendshape weights beside the motion; None is a still face. The size of the shot is even.
+    `face` holds blendshape weights beside the motion; None is a still face.
 
     Raises:
-        MotionError: the file cannot be written, the suffix has no alpha channel, or the face does not fit the motion.
+        MotionError: the file cannot be written, the suffix has no alpha channel, a side of the shot is odd, or the face
+            does not fit the motion.
     """
     shot, suffix, character = shot or Shot(), path.suffix.lower(), character or load_character()
+    if any(side % 2 for side in shot.size):
+        raise MotionError(f"a film of {shot.size[0]} x {shot.size[1]} pixels cannot be; width and height are even")
     if shot.alpha and suffix != ".webm":
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames, len(character.face.names))
@@ -98,10 +101,11 @@ def _drawn(
 
     def drawn(frame: int) -> T:
         renderer = idle.get()
-        weights = None if face is None else face[frame]
-        done = finished(renderer.draw(rotations[frame], positions[frame], weights, cameras[frame]), renderer.drawn)
-        idle.put(renderer)
-        return done
+        try:
+            weights = None if face is None else face[frame]
+            return finished(renderer.draw(rotations[frame], positions[frame], weights, cameras[frame]), renderer.drawn)
+        finally:
+            idle.put(renderer)
 
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(THREADS) as threads:

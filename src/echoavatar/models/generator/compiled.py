@@ -50,7 +50,7 @@ class Draws(NamedTuple):
 
 
 class Steering(NamedTuple):
-    """The effect of a directive; see `exemplar.Steer`."""
+    """The effect of a directive; see the lab's `exemplar.Steer`."""
 
     segments: np.ndarray  # (s,) the segments it raises; negative without a directive
     hint: np.ndarray  # (b, c)
@@ -144,7 +144,7 @@ def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
 
 @kernel(reorders=True)
 def _draw(logits, noise, key, position, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
-    """The code with the largest logit plus noise within the nucleus (`sampling.nucleus`); `shares` (K) is scratch.
+    """The code with the largest logit plus noise within the nucleus (the lab's `sampling`); `shares` (K) is scratch.
 
     Without `noise` (K), that of the key at this absolute position.
     """

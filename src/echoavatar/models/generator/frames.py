@@ -96,7 +96,7 @@ class FrameStream:
         bias: Float[np.ndarray, "b K"] | None = None,
         manner: Float[np.ndarray, "b m"] | None = None,
     ) -> Int[np.ndarray, "b n p q"]:
-        """Hear the audio codes of whole steps, return their motion codes; see `stream.GeneratorStream.step`.
+        """Hear the audio codes of whole steps, return their motion codes; see the lab's `GeneratorStream.step`.
 
         Rows that are not active return zeros.
         """
@@ -154,7 +154,7 @@ class FrameStream:
         return within, Positions(*(np.ascontiguousarray(part[:, 1:]) for part in within))
 
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
-        """Noise, temperature and nucleus of a frame; see `sampling.make_sampler`."""
+        """Noise, temperature and nucleus of a frame; see the lab's `sampling.make_sampler`."""
         config, layout, rows = self.config, self.config.layout, len(seeds)
         codes = 0 if config.temperature > 0 else layout.motion_codes  # 0: noise of the keys
         noise, keys = np.zeros((rows, layout.segments, codes), F), mix(seeds.astype(np.uint64) + GOLDEN)
@@ -182,7 +182,7 @@ class FrameStream:
         bias: Float[np.ndarray, "b K"] | None,
         manner: Float[np.ndarray, "b m"] | None,
     ) -> tuple[Float[np.ndarray, "b c"], Float[np.ndarray, "b 2 K"], Float[np.ndarray, "b K"]]:
-        """What a set of codes, a bias on their logits and a manner do; see `exemplar.Steer`."""
+        """What a set of codes, a bias on their logits and a manner do; see the lab's `exemplar.Steer`."""
         config, layout = self.config, self.config.layout
         hint = np.zeros((rows, config.width), F)
         raised = np.zeros((rows, 2, len(config.directed) * layout.motion_codes), F)
