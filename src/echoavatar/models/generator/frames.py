@@ -148,7 +148,7 @@ class FrameStream:
     def _in_a_frame(self, rows: int) -> tuple[Positions, Positions]:
         """The positions of a frame's codes, each of which sees those before it: of all, and of all but the first."""
         count = self.config.layout.segments
-        places = np.broadcast_to(np.arange(count), (rows, count))
+        places = np.tile(np.arange(count), (rows, 1))  # not read-only, which would be compiled anew
         seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
         within = Positions(*map(np.ascontiguousarray, _positions(places, places, seen, self.config.depth)))
         return within, Positions(*(np.ascontiguousarray(part[:, 1:]) for part in within))

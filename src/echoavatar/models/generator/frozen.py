@@ -46,7 +46,7 @@ class Frozen:
         layers = [f"{prefix}.layers.{layer}" for layer in range(config.layers)]
         after = self.floats(f"{prefix}.norm.weight") * root
         return Weights(
-            Matrices(np.zeros((1, 1, config.width), F), np.ones((1, 1), F), np.zeros((1, 1), F)),
+            Matrices(np.zeros((1, 1, 1), np.int8 if self._rounds else F), np.ones((1, 1), F), np.zeros((1, 1), F)),
             stacked([self._qkv(layer, config, root) for layer in layers]),
             stacked([(self._map(f"{layer}.self_attn.o_proj.weight"), None) for layer in layers]),
             stacked([(self._gate_up(layer, root), None) for layer in layers]),
