@@ -113,9 +113,9 @@ def test_a_talker_shifts_further_than_one_who_waits_and_a_calm_one_less(two_minu
     waits, talks, calm = (
         np.ptp(x.root[:, 0]) for x in (two_minutes, *(live(120, is_idle=False, talks=t) for t in (1, 0.4)))
     )
-    assert 0.12 < talks < 0.19
-    assert 1.7 < talks / waits < 2.7
-    assert 0.35 < calm / talks < 0.55
+    assert 0.16 < talks < 0.24
+    assert 2 < talks / waits < 3.3
+    assert 0.4 < calm / talks < 0.65
 
 
 def test_it_shifts_its_weight_every_five_seconds_and_is_never_quite_still(two_minutes: MotionChunk) -> None:
