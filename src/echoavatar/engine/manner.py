@@ -22,7 +22,7 @@ LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right"
 # both hands more often, and they mirror each other less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
-# Times the model's moves, at these values of `dial`. The stage takes a tenth; a calm speaker moves less often, not small.
+# Times the model's moves, at `SIZED` of the dial. The stage takes a tenth; the calm move less often rather than small.
 SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 0.94, 1.1, 1.3
 SIZED = (0, 0.6, 1, 2)
 DRIFT = 0.15  # how far a number wanders from what was drawn
