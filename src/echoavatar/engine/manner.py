@@ -22,7 +22,9 @@ LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right"
 # both hands more often, and they mirror each other less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
-SMALLEST, MIDDLE, LARGEST = 0.35, 1.1, 1.3  # times the model's moves, along the dial: the stage takes a tenth
+# Times the model's moves, at `SIZED` of the dial. The stage takes a tenth; the calm move less often rather than small.
+SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 0.94, 1.1, 1.3
+SIZED = (0, 0.6, 1, 2)
 DRIFT = 0.15  # how far a number wanders from what was drawn
 STEP = CHUNK  # 0.27 s: how long all that is decided here holds at least, whatever the chunk
 DRIFT_STEPS = 45  # 12 s, two or three phrases, until it stands elsewhere
@@ -62,7 +64,7 @@ class SpeakerManner:
         if not talks:
             return WHOLE
         right = self._set.get(SET["handedness"], 0.5)
-        size = np.interp(self.dial, (0, 1, 2), (SMALLEST, MIDDLE, LARGEST))
+        size = np.interp(self.dial, SIZED, (SMALLEST, CALM, MIDDLE, LARGEST))
         works = np.interp(self._busy(self._step(chunk)), (IDLE[1], QUIET), (SMALLEST, 1))
         left, right = np.interp((1 - right, right), (0, 0.5), (SMALLEST, 1)) * size * works
         return np.array([left, right, 1], np.float32)

@@ -390,7 +390,9 @@ class SessionCore:
             rests = source == "idle" and is_free and not self.is_listening
             motion = self._homecoming.apply(chunk, motion, is_idle=rests)
         if "idle" in self._host.additions:
-            motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_free and source in ("idle", "action"))
+            rests, talks = is_free and source in ("idle", "action"), is_free and source == "speech"
+            lively = min(self._manner.dial, 1.0) * (talks and not self._settling.is_dancing(chunk))
+            motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=rests, talks=lively)
         overlay = self._actions.overlay(chunk) if "overlays" in self._host.additions else None
         return self._gaze.apply(
             chunk,
@@ -412,8 +414,7 @@ class SessionCore:
 
     def _react(self, sign: Sign) -> None:
         """Show that the avatar listens, unless a requested action runs."""
-        chunk = self._barge_in.next_chunk
-        if not (self._reacts and self._is_free(chunk)):
+        if not (self._reacts and self._is_free(chunk := self._barge_in.next_chunk)):
             return
         if sign == "ends":
             self._actions.stop(chunk)

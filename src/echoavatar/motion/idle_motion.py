@@ -1,16 +1,19 @@
 """Idle motion, which no sound drives: breath, shifts of weight, leans of the trunk, looks. Not in the paper.
 
-In silence the model's codes come to rest, and the body would freeze. Breath always goes on. Weight, trunk and head move
-only while nothing else moves the body; they fade out when sound or an action takes over. The times of all movements are
-functions of the session's seed and the frame number, so a session that goes back breathes as it did the first time.
+In silence the model's codes come to rest, and the body would freeze; while it talks, its legs would stand stiff. Breath
+always goes on. Weight shifts while nothing else moves the body and, further, while it talks. Trunk and head move in
+silence only. Dances and requested actions end all three. The times of all movements are functions of the session's seed
+and the frame number, so a session that goes back breathes as it did the first time.
 
-A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. The loop over
-frames is compiled, because it runs on every chunk of every session.
+A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. It also
+keeps a body that stands or talks over its feet, past which generated hips lean. The loop over frames is compiled,
+because it runs on every chunk of every session.
 """
 
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
@@ -27,7 +30,7 @@ from .kinematics.quaternions import (
     rotate,
     write_quaternion,
 )
-from .motion_chunk import ChunkFade, MotionChunk
+from .motion_chunk import KEPT, ChunkFade, MotionChunk
 from .stages.modes import FREE, MotionOptions
 
 UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
@@ -38,14 +41,16 @@ HEAD_SHARES = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # of the head's rotation, by 
 LEAN_SHARES = np.array([0.5, 0.3, 0.2, -0.3, -0.4, 0, 0])  # of the trunk's; the head stays nearly upright
 LEGS = tuple(f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot"))
 BREATH_S, INHALE = 4.2, 0.4  # length of a breath, and the share of it that goes in
-SHIFT_EVERY_S, SHIFT_S = 7.0, 2.2  # there is one shift of weight in each interval, and it takes so long
-SHIFT_M = 0.04  # the farthest shift to either side
+SHIFT_EVERY_S, SHIFT_S = 5.0, 1.6  # there is one shift of weight in each interval, and it takes so long
+WAITING_M, TALKING_M = 0.04, 0.15  # the farthest shift to either side
+PAST_M, NARROW_M = 0.02, 0.06  # how far past a foot the hips go; half the least distance of the feet for that
+FOLLOWS_S = 0.3  # of each of two low-pass filters, through which that becomes more or less
 LEAN_EVERY_S, LEAN_S, UPRIGHT = 5.0, 2.4, 0.2  # the trunk is upright in that share of the intervals
 LEAN = math.radians(3)  # the farthest, ahead, back and to either side
 SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # the small sway of a standing body
 LOOK_EVERY_S, LOOK_S, AHEAD = 4.0, 0.9, 0.4  # the head points ahead in that share of the intervals
 LOOK_YAW, LOOK_PITCH = math.radians(9), math.radians(3)
-RISE_S, FALL_S = 1.6, 0.5  # until weight and head move freely, and until they are still
+RISE_S, FALL_S = 1.6, 0.5  # until trunk and head move freely, and until they are still
 
 _WEIGHT, _YAW, _PITCH, _LEAN_AHEAD, _LEAN_ASIDE = range(1, 6)  # purposes of random numbers
 _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
@@ -100,33 +105,53 @@ def breath(second, seed):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def shift_weight(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
-    """Move the hips of one frame to the body's left by `metres`; the feet stay."""
+def leg(rotations, offsets, legs, side, hips):  # type: ignore[no-untyped-def]
+    """Turns of a frame's left (0) or right (1) thigh, shin and foot, and the way from hip joint to ankle."""
+    upper, lower, foot = legs[1 + 3 * side], legs[2 + 3 * side], legs[3 + 3 * side]
+    thigh = multiply(hips, read_quaternion(rotations[upper]))
+    shin = multiply(thigh, read_quaternion(rotations[lower]))
+    way = plus(rotate(thigh, read_vector(offsets[lower])), rotate(shin, read_vector(offsets[foot])))
+    return thigh, shin, multiply(shin, read_quaternion(rotations[foot])), way
+
+
+@kernel()
+def shift_weight(rotations, root, offsets, legs, metres, balance):  # type: ignore[no-untyped-def]
+    """Move the hips of one frame to the body's left by `metres`, with balance 1 not past the feet; the feet stay."""
     hips = read_quaternion(rotations[legs[0]])
     ahead = rotate(hips, (0.0, 0.0, 1.0))
     level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
-    x = z = 0.0
-    for k in range(2):
-        upper, lower, foot = legs[1 + 3 * k], legs[2 + 3 * k], legs[3 + 3 * k]
-        thigh = multiply(hips, read_quaternion(rotations[upper]))
-        shin = multiply(thigh, read_quaternion(rotations[lower]))
-        sole = multiply(shin, read_quaternion(rotations[foot]))
-        leg = plus(rotate(thigh, read_vector(offsets[lower])), rotate(shin, read_vector(offsets[foot])))
-        angle = -metres / max(-leg[1], 0.1)
+    ankles = (0.0, 0.0)  # how far to the body's left
+    for side in range(2):
+        way = leg(rotations, offsets, legs, side, hips)[3]
+        at = plus(way, rotate(hips, read_vector(offsets[legs[1 + 3 * side]])))
+        ankles = (ankles[1], (ahead[2] * at[0] - ahead[0] * at[2]) / level)
+    off = metres - (ankles[0] + ankles[1]) / 2
+    most = max(abs(ankles[0] - ankles[1]) / 2, NARROW_M) + PAST_M
+    metres += balance * off * ((1 + (off / most) ** 4) ** -0.25 - 1)
+    x = y = z = 0.0
+    for side in range(2):
+        thigh, shin, sole, way = leg(rotations, offsets, legs, side, hips)
+        angle = -metres / max(-way[1], 0.1)
         roll = from_rotation_vector((ahead[0] / level * angle, 0.0, ahead[2] / level * angle))
-        rolled = rotate(roll, leg)
-        x += (leg[0] - rolled[0]) / 2
-        z += (leg[2] - rolled[2]) / 2
+        rolled = rotate(roll, way)
+        x += (way[0] - rolled[0]) / 2
+        y += (way[1] - rolled[1]) / 2
+        z += (way[2] - rolled[2]) / 2
         new_thigh, new_foot = multiply(roll, thigh), multiply(conjugate(multiply(roll, shin)), sole)
-        write_quaternion(rotations[upper], normalized(multiply(conjugate(hips), new_thigh)))
-        write_quaternion(rotations[foot], normalized(new_foot))
+        write_quaternion(rotations[legs[1 + 3 * side]], normalized(multiply(conjugate(hips), new_thigh)))
+        write_quaternion(rotations[legs[3 + 3 * side]], normalized(new_foot))
     root[0] += x
+    root[1] += y
     root[2] += z
 
 
 @kernel()
-def add_idle_motion(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
-    """Add breath, and looks, leans and shifts of weight times each frame's share; `first` numbers the first frame."""
+def add_idle_motion(rotations, root, offsets, upper, legs, shares, shift, first, seed):  # type: ignore[no-untyped-def]
+    """Add breath, looks and leans times each frame's share, and shifts of weight; `first` numbers the first frame.
+
+    `shift` is the farthest one, twice low-passed, once, and as wanted, in metres; the first two are written.
+    """
+    follows = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ))
     for t in range(rotations.shape[0]):
         frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ
@@ -141,11 +166,14 @@ def add_idle_motion(rotations, root, offsets, upper, legs, shares, first, seed, 
                 z = BREATH[k, 1] * full + LEAN_SHARES[k] * aside
                 added, own = from_rotation_vector((x, HEAD_SHARES[k] * yaw, z)), rotations[t, upper[k]]
                 write_quaternion(own, normalized(multiply(read_quaternion(own), added)))
-        if may_shift and share > 0:
+        shift[1] += follows * (shift[2] - shift[1])
+        shift[0] += follows * (shift[1] - shift[0])
+        if shift[0] > 1e-5:
             sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
             sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
             weight = random_path(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
-            shift_weight(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
+            metres, balance = shift[0] * weight + share * sway / 2 * SWAY_M, min(shift[0] / WAITING_M, 1.0)
+            shift_weight(rotations[t], root[t], offsets, legs, metres, balance)
 
 
 class IdleMotion:
@@ -155,17 +183,22 @@ class IdleMotion:
         self._frames = chunk.frames
         self._seed = np.uint64(seed % 2**64)
         self._may_shift = not (options.in_place or options.upper_body)
+        self._shifts: dict[int, Float[np.ndarray, " 2"]] = {}  # by chunk: `shift` of its last frame
         self._fade = ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)
 
-    def apply(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
-        """The chunk plus idle motion; `is_idle` says that nothing else moves the body."""
+    def apply(
+        self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool, talks: float = 0.0
+    ) -> MotionChunk:
+        """The chunk plus idle motion; `is_idle` says that nothing else moves the body, `talks` how lively it talks."""
         rotations, root = motion.rotations.astype(np.float32), motion.root.astype(np.float64)
         upper = np.array([_joint(skeleton, name) for name in UPPER])
         legs = np.array([_joint(skeleton, name) for name in ("hips", *LEGS)])
-        may_shift = self._may_shift and legs.min() >= 0
-        offsets = skeleton.offsets
         shares, first = self._fade.shares(chunk, is_wanted=is_idle), chunk * self._frames
-        add_idle_motion(rotations, root, offsets, upper, legs, shares, first, self._seed, may_shift)
+        farthest = (WAITING_M if is_idle else TALKING_M * talks) * (self._may_shift and legs.min() >= 0)
+        shift = np.array([*self._shifts.get(chunk - 1, (farthest, farthest)), farthest])
+        add_idle_motion(rotations, root, skeleton.offsets, upper, legs, shares, shift, first, self._seed)
+        self._shifts[chunk] = shift[:2]
+        self._shifts.pop(chunk - KEPT, None)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
 
 

@@ -212,3 +212,19 @@ def test_a_talkers_hand_that_is_held_out_before_the_body_is_lowered_and_a_dancer
     assert least <= now[2] / was[2] <= most
     assert now[1] <= was[1] + 1e-4
     assert now[0] >= was[0] - 1e-4, "aside"
+
+
+@pytest.mark.parametrize(("talks", "wider"), [(0, 0.0), (1, 0.08)])
+def test_a_talkers_feet_stand_further_apart_and_flat_and_a_dancers_as_they_are(talks: float, wider: float) -> None:
+    turns, thigh, knee = (
+        np.zeros((1, 30, HUMANOID.joints, 3), np.float32),
+        *HUMANOID.indices(("leftUpperLeg", "leftLowerLeg")),
+    )
+    turns[:, :, thigh, 0], turns[:, :, knee, 0] = -0.5, 0.8  # one knee is bent
+    body = quaternion_from_axis_angle(turns)
+    before, after = (matrix_from_quaternion(q) for q in (body[0, -1], shown(body, talks=talks)[0, -1]))
+    was, now = (forward_kinematics(HUMANOID, pose, np.zeros(3)) for pose in (before, after))
+    feet = HUMANOID.indices(("leftFoot", "rightFoot"))
+    apart = [place.positions[feet[0], 0] - place.positions[feet[1], 0] for place in (was, now)]
+    assert apart[1] - apart[0] == pytest.approx(wider, abs=0.012)
+    np.testing.assert_allclose(now.rotations[list(feet)], was.rotations[list(feet)], atol=1e-4)

@@ -24,7 +24,8 @@ A speaker whose hand rests, or who is asked to gesture less, more, or with one h
 from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. And the
 generator holds a speaker's hands too far before the body. So the elbow is drawn back, the forearm folds and the arm
 turns aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All
-that ends as the hips travel, and at once where legs dance. Not in the paper.
+that ends as the hips travel. Its legs stand together, on which no weight can shift: each stands `PARTED` further out.
+Where legs dance, nothing of this holds. Not in the paper.
 """
 
 import math
@@ -60,12 +61,14 @@ CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
 TRUNK_HZ = 2.0
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
+PARTED = 0.05  # radians by which each leg of a speaker stands further out
 MOST_ROLL = 0.26  # radians of all joints together: the trunk as a whole leans by half of it
 # Sizes of the left and the right hand, and 1 if they talk: here those of actions and dances.
 WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 BONES = (0, 1, 2, 3)  # of an arm by itself
 SPINE = ("spine", "chest", "upperChest")
+LEG = ("UpperLeg", "LowerLeg", "Foot")
 
 
 @dataclass
@@ -87,6 +90,9 @@ class Stillness:
         names = [[f"{side}{bone}" for bone in ARM] for side in ("left", "right")]
         self._has_arms = all(name in skeleton.names for arm in names for name in arm)
         if self._has_arms:
+            legs = [[f"{side}{bone}" for bone in LEG] for side in ("left", "right")]
+            known = [skeleton.indices(leg) for leg in legs if all(name in skeleton.names for name in leg)]
+            self._legs = np.array(known if len(known) == len(legs) else [], np.int64).reshape(-1, len(LEG))
             self._joints = np.array([skeleton.indices(arm) for arm in names])
             self._spine = np.array(skeleton.indices([bone for bone in SPINE if bone in skeleton.names]), np.int64)
             self._offsets = np.asarray(skeleton.offsets, np.float64)[self._joints[:, 1:]]
@@ -107,7 +113,7 @@ class Stillness:
             last = (state.arms, state.spine, state.wrists, state.speeds, state.hands, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
             hands = np.tile(WHOLE, (len(active), 1)) if hands is None else hands
-            rest(pose.rotations, pose.root, *last, hands, active, self._spine, *arms, fps)
+            rest(pose.rotations, pose.root, *last, hands, active, self._spine, self._legs, *arms, fps)
 
 
 @kernel()
@@ -197,8 +203,36 @@ def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
 
 
 @kernel()
+def spread(pose, legs, share):  # type: ignore[no-untyped-def]
+    """Move the feet of a frame outwards; each sole is turned as it was."""
+    for side in range(len(legs)):
+        upper, lower, foot = legs[side]
+        thigh, knee = read_quaternion(pose[upper]), read_quaternion(pose[lower])
+        shin = multiply(thigh, knee)
+        sole = multiply(shin, read_quaternion(pose[foot]))
+        out = normalized((1.0, 0.0, 0.0, 0.5 * share * (PARTED if side == 0 else -PARTED)))
+        write_quaternion(pose[upper], multiply(out, thigh))
+        write_quaternion(pose[foot], multiply(conjugate(multiply(out, shin)), sole))
+
+
+@kernel()
 def rest(  # type: ignore[no-untyped-def]
-    rotations, root, arms, trunk, wrists, last, hands, has_shown, asked, active, spine, joints, offsets, reach, fps
+    rotations,
+    root,
+    arms,
+    trunk,
+    wrists,
+    last,
+    hands,
+    has_shown,
+    asked,
+    active,
+    spine,
+    legs,
+    joints,
+    offsets,
+    reach,
+    fps,
 ):
     """Filter both arms and the spine of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
@@ -212,6 +246,7 @@ def rest(  # type: ignore[no-untyped-def]
             now = rotations[row, frame]
             for part in range(3):
                 hands[row, part] += (growing if has_shown[row] else 1.0) * (asked[row, part] - hands[row, part])
+            spread(now, legs, hands[row, 2])
             free = max(1.0 - TRAVEL * speeds[frame, 2], 0.0)
             larger = max(hands[row, 0], hands[row, 1])
             take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], larger, has_shown[row], fps)
