@@ -4,7 +4,7 @@ Not in the paper. Measured in the hips' frame on the points that the reference c
 where the head is turned. The score is their mean distance from the clip's points in centimetres, without the action and
 with it, over the stretch of the clip that defines the action. The generated body may lag by up to a third of a second.
 Of head actions, beside which the body goes on with what it did, the nose alone counts, and the rotation range of the
-head is reported. Everything is averaged over a few seeds, because in speech a hand may be close to the clip's by chance.
+head is reported. Everything is a mean over a few seeds, because in speech a hand may be close to the clip's by chance.
 """
 
 from collections.abc import Sequence
