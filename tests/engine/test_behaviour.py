@@ -193,7 +193,7 @@ def test_speech_that_comes_at_once_finds_it_standing() -> None:
         feet = np.mean([speed(motion, ("leftFoot", "rightFoot")).mean() for motion in made])
         _log.info("from %s s: hands at %s m, feet %.3f m/s", lead_in_s, np.round(highest[lead_in_s], 2), feet)
         assert feet < 0.15  # people who speak: 0.08
-        assert max(np.abs(motion.root[0, [0, 2]]).max() for motion in made) < 0.005
+        assert max(np.abs(motion.root[0, [0, 2]]).max() for motion in made) < 0.02  # over its feet
     assert max(highest[2.0]) < 1.0 < max(highest[0.0])
 
 
