@@ -161,6 +161,15 @@ def test_two_keys_at_one_time_are_a_jump(tmp_path: Path) -> None:
     assert motion.frames == 3
 
 
+@pytest.mark.parametrize(("step", "said"), [(1.0, "1 s apart"), (33.333, "33.3 s apart"), (0.5, "")])
+def test_keys_that_may_be_counted_in_frames_or_milliseconds_are_told(
+    step: float, said: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_gltf_clip(animated(tmp_path / "a.glb", turning([0, step, 2 * step])), "one")
+    assert said in caplog.text
+    assert bool(said) == bool(caplog.text)
+
+
 def test_keys_that_go_back_in_time_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="go back in time"):
         read_gltf_clip(animated(tmp_path / "a.glb", turning([0.2, 0.1, 0])), "one")
