@@ -63,6 +63,11 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
             for k in chosen
             for target, sampler in targets[k].items()
         }
+        vrma = rig.document.get("extensions", {}).get("VRMC_vrm_animation", {})
+        if "expressions" in vrma or any(
+            at["target"]["path"] == "weights" for k in chosen for at in entries[k]["channels"]
+        ):
+            _log.warning("%s: its body is read, and its face is left out; a recording (.npz) keeps both", path)
         if not tracks:
             raise MotionError(f"{path}: its animation {known[chosen[0]]!r} moves no bone; choose another")
         return _sampled(rig, tracks, needed)

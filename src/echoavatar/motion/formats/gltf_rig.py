@@ -101,7 +101,7 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
         ]
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    if np.linalg.det(turn) * np.linalg.det(spaces[0]) < 0:
+    if np.linalg.det(turn) < 0:
         _log.warning("%s: %s", path, MIRRORED)
     unit = metres_of(height(bones, matrices[order, :3, 3]), scale)
     for frames in [*poses, turn @ layout.stands]:
