@@ -242,9 +242,9 @@ def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float]
 
 
 def _lifted(up: _Vector) -> _Turn:
-    """The turn that takes an axis to +Y the short way: +Z up faces -Y, as in Blender."""
+    """The turn that takes an axis to +Y the short way: +Z up faces -Y, as in Blender, -Y up -Z, as a camera sees it."""
     if up[1]:
-        return np.diag([up[1], up[1], 1.0])
+        return np.diag([1.0, up[1], up[1]])
     axis = np.cross(up, [0, 1, 0])
     return np.outer(axis, axis) + np.outer([0, 1, 0], up) - np.outer(up, [0, 1, 0])
 
