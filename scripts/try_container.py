@@ -137,7 +137,8 @@ def main() -> int:
                 if name == "serve":
                     wrong, warnings = serve(command), ""
                 else:
-                    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+                    limited = ["timeout", str(SECONDS), *command]  # then the status is 124
+                    done = subprocess.run(limited, capture_output=True, text=True)
                     wrong = f"status {done.returncode}: {done.stdout[-2000:]}{done.stderr[-2000:]}" * bool(
                         done.returncode
                     )

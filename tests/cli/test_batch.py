@@ -8,7 +8,7 @@ import pytest
 import soundfile
 
 from echoavatar.cli import main
-from echoavatar.cli.batch import Batch
+from echoavatar.cli.batch import STDIN, Batch, outputs
 from echoavatar.errors import EchoAvatarError
 
 
@@ -104,6 +104,18 @@ def test_nothing_that_is_read_is_written_over(
     assert main(words.format(read=read, other=recording).split()) == 1
     assert f"a.bvh is the {kind} itself; choose another name" in capsys.readouterr().err
     assert read.read_text() == "kept"
+
+
+def test_a_file_without_a_format_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(EchoAvatarError, match="is a file whose suffix is no format's"):
+        outputs([tmp_path / "a.wav"], tmp_path / "out", ".glb", known=[".glb"], kind="sound")
+
+
+def test_a_closed_standard_input_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", None)  # as Python has it after `<&-`
+    with pytest.raises(EchoAvatarError, match="standard input .* is closed"):
+        outputs([STDIN], tmp_path / "a.glb", ".glb", known=[".glb"], kind="sound")
 
 
 def test_a_link_that_leads_to_itself_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,12 +51,16 @@ def outputs(
     """
     if inputs.count(STDIN) > 1:
         raise EchoAvatarError("standard input (-) can be read once; name it once")
+    if STDIN in inputs and sys.stdin is None:
+        raise EchoAvatarError("standard input (-) is closed; send the sound to it, or name a file")
     is_file = bool(output.suffix) and not (output.is_dir() and output.suffix.lower() not in known)
     if is_file and len(inputs) > 1:
         raise EchoAvatarError(f"several {kind}s need a folder: -o {output.with_suffix('')}{os.sep}")
     if is_file:
         made = [output]
     else:
+        if output.exists() and not output.is_dir():
+            raise EchoAvatarError(f"-o {output} is a file whose suffix is no format's; name another, such as NAME.glb")
         make_output_folder(output)
         stems = ["stdin" if path == STDIN else path.stem for path in inputs]
         if twice := [stem for stem, count in Counter(stems).items() if count > 1]:

@@ -83,7 +83,7 @@ def test_a_travelling_child_takes_the_root_over(tmp_path):
         (lambda text: text.replace("1 92 2", "1.#IND 92 2"), "line 20: '1.#IND' is not a finite number"),
         (lambda text: text.replace("1 92 2", "1 nan 2"), "line 20: 'nan' is not a finite number"),
         (lambda text: text.replace("1 92 2", "1 9x 2"), "line 20: '9x' is not a finite number"),
-        (lambda text: text.split("1 91")[0].replace("Frames: 2", "Frames: 0"), "no frames"),
+        (lambda text: text.split("1 91")[0], "no frames"),
     ],
 )
 def test_broken_files_are_explained(tmp_path, change, complaint):
@@ -91,6 +91,17 @@ def test_broken_files_are_explained(tmp_path, change, complaint):
     path.write_text(change(SMALL))
     with pytest.raises(MotionError, match=complaint):
         read_bvh(path)
+
+
+def test_without_frames_the_rest_pose_is_read(tmp_path, caplog):
+    path = tmp_path / "a.bvh"
+    path.write_text(SMALL)
+    rest = read_bvh(path).skeleton.rest_positions
+    path.write_text(SMALL.split("1 91")[0].replace("Frames: 2", "Frames: 0"))
+    motion = read_bvh(path)
+    assert motion.frames == 1
+    assert "it has no frames, and its rest pose is read" in caplog.text
+    np.testing.assert_array_equal(motion.skeleton.rest_positions, rest)
 
 
 @settings(max_examples=60, deadline=None)

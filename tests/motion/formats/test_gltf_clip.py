@@ -156,9 +156,27 @@ def test_animations_of_one_name_are_numbered(tmp_path: Path, caplog: pytest.LogC
     assert not np.allclose(arm.rotations[-1], arm.rotations[0])
 
 
+def test_a_face_that_is_left_out_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    face = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+    read_take(changed(tmp_path / "a.glb", lambda animations: animations[0]["channels"].append(face)))
+    assert "its face is left out" in caplog.text
+    caplog.clear()
+    read_take(changed(tmp_path / "b.glb", lambda animations: None))
+    assert "its face" not in caplog.text
+
+
 def test_two_keys_at_one_time_are_a_jump(tmp_path: Path) -> None:
     motion = read_gltf_clip(animated(tmp_path / "a.glb", turning([0, 0.1, 0.1, 0.2])), "one")
     assert motion.frames == 3
+
+
+@pytest.mark.parametrize(("step", "said"), [(1.0, "1 s apart"), (33.333, "33.3 s apart"), (0.5, "")])
+def test_keys_that_may_be_counted_in_frames_or_milliseconds_are_told(
+    step: float, said: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_gltf_clip(animated(tmp_path / "a.glb", turning([0, step, 2 * step])), "one")
+    assert said in caplog.text
+    assert bool(said) == bool(caplog.text)
 
 
 def test_keys_that_go_back_in_time_are_refused(tmp_path: Path) -> None:

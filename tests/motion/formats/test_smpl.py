@@ -131,6 +131,16 @@ def test_what_is_assumed_is_said(tmp_path, caplog) -> None:  # type: ignore[no-u
     assert "30 frames per second are assumed" in caplog.text
 
 
+def test_a_body_in_the_axes_of_a_camera_faces_it(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """Y down, Z away from the camera, as those write who find bodies in films."""
+    half = np.broadcast_to(np.array([0.0, 1.0, 0.0, 0.0]), (FRAMES, 4))
+    rotations = SWAY.rotations.astype(np.float64)
+    rotations[:, 0] = quaternion_multiply(half, rotations[:, 0])
+    np.savez(tmp_path / "a.npz", poses=axis_angle_from_quaternion(rotations), trans=TRANS * [1, -1, -1], fps=30)
+    motion = read_take(tmp_path / "a.npz").motion
+    np.testing.assert_allclose(motion.matrices()[:, BODY], SWAY.matrices()[:, BODY], atol=1e-5, rtol=0)
+
+
 def test_without_places_the_body_stays_where_it_is(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     np.savez(tmp_path / "a.npz", poses=POSES, fps=30)
     motion = read_take(tmp_path / "a.npz").motion

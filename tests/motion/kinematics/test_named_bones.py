@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.motion.kinematics.naming import EXTRA, FRAMED, SCHEMES, body, every_body, names_of, renamed
 
-from echoavatar.motion.kinematics import HUMANOID, Skeleton
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.joint_tree import Tree
 from echoavatar.motion.kinematics.rigs import find_bones, known_bones
 
@@ -40,6 +40,29 @@ def test_what_stands_around_the_names_of_a_scheme_does_not_matter(frame):
             nowhere = renamed(made.skeleton, put, np.zeros((made.skeleton.joints, 3)))
             found = {bone: joint for bone, joint in known_bones(nowhere).items() if bone not in EXTRA}
             assert found == {bone: made.skeleton.index(joint) for bone, joint in made.bones.items()}, name
+
+
+PIVOTS = {  # what stands above each joint, in its place
+    "Assimp": ("{}_$AssimpFbx$_Translation", "{}_$AssimpFbx$_PreRotation", "{}_$AssimpFbx$_Rotation"),
+    "groups of Maya": ("{}_grp", "{}_sdk"),
+    "offsets": ("{}_offset",),
+}
+
+
+@pytest.mark.parametrize("pivots", PIVOTS)
+@pytest.mark.parametrize("name", ["Mixamo", "Unreal 4", "Unity", "SMPL-X and BEAT2", "3ds Max", "MikuMikuDance"])
+def test_the_joint_is_the_bone_and_not_the_pivots_above_it(name, pivots):
+    """A clip that turns the pivots turns the joint below them, and not the other way round."""
+    made = body(*every_body()[name])
+    names, parents, offsets, last = list[str](), list[int](), list[tuple[float, float, float]](), {-1: -1}
+    for joint, written in enumerate(made.skeleton.names):
+        chain = [*(pivot.format(written) for pivot in PIVOTS[pivots]), written]
+        parents += [last[made.skeleton.parents[joint]], *range(len(names), len(names) + len(chain) - 1)]
+        offsets += [made.skeleton.config.offsets[joint], *[(0.0, 0.0, 0.0)] * (len(chain) - 1)]
+        names += chain
+        last[joint] = len(names) - 1
+    config = SkeletonConfig(names=tuple(names), parents=tuple(parents), offsets=tuple(offsets))
+    assert names_of(Skeleton(config)) == made.bones
 
 
 AMBIGUOUS = {

@@ -213,9 +213,9 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
                 f"expected {label!r} and a number, not {found[2][:40]!r}; repair the file", found.start(2)
             ) from None
     stated, fps = _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes)
-    if not width:
-        notes.append("it has no channels, and its rest pose is read")
-        return np.zeros((1, 0)), fps
+    if not width or not (stated or text[at:].strip()):
+        notes.append(f"it has no {'frames' if width else 'channels'}, and its rest pose is read")
+        return np.zeros((1, width)), fps
     cut = _CUT.search(text[at:][-64:])
     table = text[at : len(text) - len(cut[0] if cut else "")]
     if "," in table:

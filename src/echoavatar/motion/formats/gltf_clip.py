@@ -30,6 +30,7 @@ _log = logging.getLogger(__name__)
 _RATES = (1.0, 240.0)  # keys per second that count as a frame rate
 _EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+_APART_S = 0.9  # keys that come more slowly may be counted in frames
 _STILL = 1e-5  # keys that differ by less do not move
 _Track = tuple[Float[Array, " k"], Float[Array, "k n c"], str]
 _Targets = dict[tuple[int, str], int]  # the sampler of each node and property
@@ -62,6 +63,11 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
             for k in chosen
             for target, sampler in targets[k].items()
         }
+        vrma = rig.document.get("extensions", {}).get("VRMC_vrm_animation", {})
+        if "expressions" in vrma or any(
+            at["target"]["path"] == "weights" for k in chosen for at in entries[k]["channels"]
+        ):
+            _log.warning("%s: its body is read, and its face is left out; a recording (.npz) keeps both", path)
         if not tracks:
             raise MotionError(f"{path}: its animation {known[chosen[0]]!r} moves no bone; choose another")
         return _sampled(rig, tracks, needed)
@@ -95,7 +101,10 @@ def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[in
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
     steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps
-    fps = usual_rate(1 / float(steps.mean())) if steps.size else float(FRAME_RATE_HZ)
+    step, notes = float(steps.mean()) if steps.size else 1 / FRAME_RATE_HZ, list[str]()
+    if step > _APART_S:
+        notes.append(f"its keys are {step:.3g} s apart; if their times are frames or milliseconds, write seconds")
+    fps = usual_rate(1 / step)
     fps = fps if _RATES[0] <= fps <= _RATES[1] else float(FRAME_RATE_HZ)
     frames = int((last - first) * fps + 1e-3) + 1
     if frames * len(needed) > ROTATIONS:
@@ -115,7 +124,7 @@ def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[in
     local[:, 1:] = turned[:, list(rig.skeleton.parents[1:])].swapaxes(-1, -2) @ turned[:, 1:]
     places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T
     rotations = quaternion_from_matrix(local).astype(np.float32)
-    motion, notes = Motion(rig.skeleton, rotations, places.astype(np.float32), fps), list[str]()
+    motion = Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
     try:
         motion = placed(motion, rig.skeleton.config.vrm, notes)
     except MotionError as error:
@@ -162,8 +171,8 @@ def _matrices(node: dict[str, Any], own: dict[str, Float[Array, "t c"]]) -> Floa
     """A node's matrix at each time; what is not animated is as the node has it."""
     frames = len(next(iter(own.values())))
     matrices = np.tile(np.eye(4), (frames, 1, 1))
-    turns = own.get("rotation", rotation_of(node)[None])
+    turns = own["rotation"] if "rotation" in own else rotation_of(node)[None]
     matrices[:, :3, :3] = matrix_from_quaternion(turns[:, [3, 0, 1, 2]])
-    matrices[:, :3, :3] *= own.get("scale", scale_of(node)[None])[:, None]
-    matrices[:, :3, 3] = own.get("translation", node_matrix(node)[:3, 3])
+    matrices[:, :3, :3] *= (own["scale"] if "scale" in own else scale_of(node)[None])[:, None]
+    matrices[:, :3, 3] = own["translation"] if "translation" in own else node_matrix(node)[:3, 3]
     return matrices

@@ -26,7 +26,7 @@ from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
 from ..kinematics.skeleton import numbered
-from ..kinematics.upright import axes_of, height, metres_of, triples
+from ..kinematics.upright import MIRRORED, axes_of, height, metres_of, triples
 from .gltf_data import Gltf, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
 
@@ -101,6 +101,8 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
         ]
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
+    if np.linalg.det(turn) < 0:
+        _log.warning("%s: %s", path, MIRRORED)
     unit = metres_of(height(bones, matrices[order, :3, 3]), scale)
     for frames in [*poses, turn @ layout.stands]:
         offsets = unit * layout.steps(frames)

@@ -85,10 +85,10 @@ def trunk_bones(tree: Tree, hips: int, arms: int, head: int) -> dict[str, int]:
         head: a joint; -1 if it is not known.
     """
     way = tree.between(hips, head) or [joint for joint in tree.above(arms)[::-1] if hips in tree.above(joint)[1:]]
-    necks = [joint for joint in way if tree.said[joint].part == "neck"]
-    if not necks:
-        necks = [joint for joint in way if arms in tree.above(joint)[1:]]
-    spines = [joint for joint in way[: way.index(necks[0])] if not tree.said[joint].is_helper] if necks else way
+    plain = [joint for joint in way if not tree.said[joint].is_helper]
+    necks = [joint for joint in (*plain, *way) if tree.said[joint].part == "neck"]
+    necks = necks or [joint for joint in plain if arms in tree.above(joint)[1:]]
+    spines = [joint for joint in plain if not necks or joint in way[: way.index(necks[0])]]
     found = {"neck": necks[0]} if necks else {}
     if len(spines) < 3:
         return found | dict(zip(("spine", "chest"), spines, strict=False))

@@ -4,9 +4,7 @@ A rig with a VRM map is believed. Other joints are read by their names (`named_b
 of the body tells (`shaped_bones`), where it does not contradict them. A map by the user comes before both.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import lru_cache
 
 import numpy as np
@@ -17,9 +15,7 @@ from .joint_tree import REQUIRED, SIDES, Tree
 from .named_bones import named_bones
 from .shaped_bones import shaped_bones
 from .skeleton import HUMANOID, Skeleton, other_side
-from .upright import axes_of
 
-_log = logging.getLogger(__name__)
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
 CHANCE = 4  # fewer names than these may be words of another language that look like ours
 JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bone that the rig does not have
@@ -84,8 +80,6 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
         found = named_bones(tree)
         if any(bone not in found for bone in REQUIRED):
             found = _with_shape(tree, found)
-        if _is_crossed(tree, found):
-            _log.warning("by the feet left and right are the other way round than by the names; the names are believed")
     found = {bone: joint for bone, joint in found.items() if joint not in sure.values()} | sure
     return {bone: j for bone, j in found.items() if bone not in (given or {}) and j not in own.values()} | own
 
@@ -102,13 +96,6 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
     if not shaped or any(shaped.get(bone) != joint for bone, joint in sure.items()):
         return named
     return {bone: joint for bone, joint in shaped.items() if joint not in named.values()} | named
-
-
-def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
-    """Whether the feet point to what is the back where left is left."""
-    with suppress(KeyError, MotionError):  # too few bones, or no body's
-        return bool(np.linalg.det(axes_of({bone: tree.places[joint] for bone, joint in bones.items()})) < 0)
-    return False
 
 
 def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:

@@ -140,7 +140,7 @@ def least_rotation(start: Float[Array, "*n 3"], end: Float[Array, "*n 3"]) -> Fl
     a, b = unit(start), unit(end)
     one = np.eye(3, dtype=a.dtype)
     cosine = (a * b).sum(-1)[..., None, None]
-    skew = np.cross(np.cross(a, b)[..., None, :], -one)
+    skew = b[..., :, None] * a[..., None, :] - a[..., :, None] * b[..., None, :]  # of the cross product
     smallest = 1e-6 if a.dtype == np.float32 else 1e-12  # of 1 + cosine, which rounding spoils below it
     rotation = one + skew + skew @ skew / np.maximum(1 + cosine, smallest)
     across = unit(np.cross(a, one[np.abs(a).argmin(-1)]))

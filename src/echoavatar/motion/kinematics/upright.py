@@ -34,6 +34,7 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("tens of metres", 10.0, 1.0, 3.0),
     ("hundreds of metres", 100.0, 1.0, 3.0),
 )
+MIRRORED = "it is mirrored, because its left is on the right of its feet"
 _TALL = 1.21  # a person's height over the length of trunk, neck, thigh and shin
 _STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the vertical
 _CLEAR = 0.75  # cosine: a direction that belongs to one axis
@@ -65,7 +66,7 @@ class Stand(NamedTuple):
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
         if np.linalg.det(self.rest) < 0:
-            notes = ["it is mirrored, because its left is on the right of its feet"]
+            notes = [MIRRORED]
         if self.metres != usual:
             name = next((name for name, metres, *_ in UNITS if metres == self.metres), f"{self.metres:.3g} m")
             notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
@@ -241,9 +242,9 @@ def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float]
 
 
 def _lifted(up: _Vector) -> _Turn:
-    """The turn that takes an axis to +Y the short way: +Z up faces -Y, as in Blender."""
+    """The turn that takes an axis to +Y the short way: +Z up faces -Y, as in Blender, -Y up -Z, as a camera sees it."""
     if up[1]:
-        return np.diag([up[1], up[1], 1.0])
+        return np.diag([1.0, up[1], up[1]])
     axis = np.cross(up, [0, 1, 0])
     return np.outer(axis, axis) + np.outer([0, 1, 0], up) - np.outer(up, [0, 1, 0])
 
