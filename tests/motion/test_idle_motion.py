@@ -114,7 +114,7 @@ def test_a_talker_shifts_further_than_one_who_waits_and_a_calm_one_less(two_minu
         np.ptp(x.root[:, 0]) for x in (two_minutes, *(live(120, is_idle=False, talks=t) for t in (1, 0.4)))
     )
     assert 0.16 < talks < 0.24
-    assert 2 < talks / waits < 3.3
+    assert 2.7 < talks / waits < 4.4
     assert 0.4 < calm / talks < 0.65
 
 
@@ -123,7 +123,7 @@ def test_it_shifts_its_weight_every_five_seconds_and_is_never_quite_still(two_mi
     shifts = moves(hips, 0.01)
     assert 19 <= len(shifts) <= 25
     assert 0.8 < np.median(shifts) < 1.3  # of 1.6 s, the part over a centimetre a second
-    assert 0.06 < np.ptp(hips) < 0.09
+    assert 0.045 < np.ptp(hips) < 0.07
     assert 0.0012 < np.median(np.abs(np.diff(hips))) * 30 < 0.0035
 
 
