@@ -54,7 +54,6 @@ _BEGINS = {  # of files without an index, by their first four letters
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
 _WAV_HEAD = re.compile(rb"fmt .\0\0\0(.{16})(?:.{8}(..))?", re.DOTALL)
-_WHOLE, _FLOATS, _EXTENSIBLE = 1, 3, 0xFFFE  # kinds of WAV
 _WIDTHS = {1: "pcm_u8", 2: "pcm_s16le", 3: "pcm_s24le", 4: "pcm_s32le"}  # by bytes of a sample
 _NO_SOUND = {
     b"MThd": "is notes (MIDI) and no sound; play them into a WAV file, for example with FluidSynth",
@@ -70,13 +69,6 @@ class Form(NamedTuple):
 
     rate: int  # samples per second
     channels: tuple[str, ...]  # their roles, such as FL, FR, FC, LFE
-
-
-class _Wav(NamedTuple):
-    kind: int
-    channels: int
-    width: int  # bytes of one sample of one channel
-    align: int  # of all channels, as its head says
 
 
 class Piece(NamedTuple):
@@ -115,7 +107,7 @@ def open_sound(path: Path, part: range | None = None) -> InputContainer:
     address = f"subfile,,start,{part.start},end,{part.stop},,:file:{path}" if part else f"file:{path}"
     options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
     if wav := _wav_form(_head(path, part.start if part else 0)):
-        whole = lcm(wav.width * wav.channels, wav.align or 1)  # of both: FFmpeg cuts samples where they differ
+        whole = lcm(wav[0], wav[1] or 1)  # FFmpeg cuts samples where they differ
         options["max_size"] = str(-(-_PACKET // whole) * whole)
     opened: InputContainer = av.open(address, "r", metadata_errors="ignore", options=options)
     return opened
@@ -159,10 +151,9 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
     tracks = {stream.index: number for number, stream in enumerate(streams)}
     stated = [_stated_roles(stream) for stream in streams]
     wav = _wav_form(_head(path, part.start)) if container.format.name == "wav" else None
-    decoders = {stream.index: _decoder(stream, wav) for stream in streams}
-    if is_told and wav and wav.align != wav.width * wav.channels:
-        said = "%s: by its header a sample of all %d channels has %d bytes; %d of each are read"
-        _LOG.warning(said, path, wav.channels, wav.align, wav.width)
+    decoders = {stream.index: _decoder(stream, wav[2] if wav else "") for stream in streams}
+    if is_told and wav and wav[0] != wav[1]:
+        _LOG.warning("%s: its samples of all channels are read as %d bytes, not %d as by its header", path, *wav[:2])
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
     packets, faults, seconds, begun = container.demux(streams), 0, 0.0, set[int]()
     while faults <= _MOST_FAULTS:
@@ -218,24 +209,28 @@ def _head(path: Path, start: int = 0, length: int = 1024) -> bytes:
         return file.read(length)
 
 
-def _wav_form(head: bytes) -> _Wav | None:
-    """The samples of a WAV that is not compressed. A block align counts where the bytes of a second agree with it."""
+def _wav_form(head: bytes) -> tuple[int, int, str] | None:
+    """Bytes of a sample of all channels, the same as stated, and the decoder of whole numbers, of a WAV of samples.
+
+    Where bits and block align contradict each other, the bytes of a second decide.
+    """
     found = _WAV_HEAD.search(head) if head.startswith(b"RIFF") else None
     if found is None:
         return None
     kind, channels, rate, speed, align, bits = struct.unpack("<HHIIHH", found[1])
-    kind = int.from_bytes(found[2] or b"", "little") if kind == _EXTENSIBLE else kind
-    if kind not in (_WHOLE, _FLOATS) or not channels or not bits:
+    kind = int.from_bytes(found[2] or b"", "little") if kind == 0xFFFE else kind
+    if kind not in (1, 3) or not channels or not bits:  # neither whole numbers nor floats
         return None
-    width, is_sure = -(-bits // 8), speed == rate * align and align % channels == 0
-    return _Wav(kind, channels, max(width, align // channels) if is_sure else width, align)
+    is_sure = speed == rate * align and align % channels == 0
+    width = max(-(-bits // 8), align // channels if is_sure else 0)
+    return width * channels, align, _WIDTHS.get(width, "") if kind == 1 else ""
 
 
-def _decoder(stream: av.AudioStream, wav: _Wav | None) -> Any:
+def _decoder(stream: av.AudioStream, kind: str) -> Any:
     """What decodes a track. FFmpeg takes 24 bits in 32 for floats that a program of the nineties wrote."""
-    if wav is None or wav.kind != _WHOLE or wav.width not in _WIDTHS:
+    if not kind:
         return stream
-    whole: Any = av.CodecContext.create(_WIDTHS[wav.width], "r")
+    whole: Any = av.CodecContext.create(kind, "r")
     whole.sample_rate, whole.layout = stream.codec_context.sample_rate, stream.codec_context.layout
     return whole
 
