@@ -22,25 +22,14 @@ from echoavatar.wire.messages import Audio, Sound
 from ..client import Avatar
 from ..timed_text import TimedText
 from ..voice_formats import READABLE, Decoder, Format, Pcm, is_file
-from .events import (
-    AUDIO_DELTA,
-    AUDIO_DONE,
-    CUTS,
-    OVER,
-    PARTS_DONE,
-    SESSION,
-    Event,
-    audio_format,
-    inside,
-    interrupts,
-    sound,
-)
+from .events import AUDIO_DELTA, AUDIO_DONE, CUTS, PARTS_DONE, SESSION, Event, audio_format, inside, interrupts, sound
 from .speech_items import STALL_S, SpeechItem, SpeechItems
 
 _LOG = logging.getLogger(__name__)
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 VOID_S = 2.0  # what comes of a response after it was cut off was on its way
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
+_OVER = ("response.done", "response.cancelled")
 _NOTHING: tuple[str | None, float] = None, -inf
 BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
 
@@ -109,20 +98,20 @@ class Conversation:
         elif kind in ("response.output_item.added", "conversation.item.created", "conversation.item.added"):
             if inside(event.item, "role") != "user" and inside(event.item, "type") in ("message", None):
                 self._item = event.item_id
-        elif kind in (*OVER, *CUTS):
+        elif kind in (*_OVER, *CUTS):
             if kind in CUTS or inside(event.response, "status") == "cancelled":
                 await self._cut(avatar, now, event.response_id)
             for item in self.items:
                 if event.response_id is None or item.response_id in (None, event.response_id):
                     await self._end(item, avatar)
             self._unnamed += 1
-            self._void = self._void if self._void[0] or kind not in OVER else _NOTHING
+            self._void = self._void if self._void[0] or kind not in _OVER else _NOTHING
         elif kind == "error":
             self._awaited = ""
         elif kind in SESSION:
             self._update_session(event.session)
         elif kind == "input_audio_buffer.speech_started" and self._user_interrupts:
-            await self._cut(avatar, now, is_cancelled=False)
+            await self._cut(avatar, now)
 
     def miss(self, what: str, why: str) -> None:
         """Log what could not be read, once a conversation."""
@@ -229,9 +218,7 @@ class Conversation:
 
     # ---- interruptions
 
-    async def _cut(
-        self, avatar: Avatar | None, now: float, response: str | None = None, *, is_cancelled: bool = True
-    ) -> None:
+    async def _cut(self, avatar: Avatar | None, now: float, response: str | None = None) -> None:
         """The model stops: the user speaks, or a response is cancelled (this one, if it is named).
 
         The client may report what was heard; otherwise what was due by now, if sound is played as it arrives, counts.
@@ -240,8 +227,7 @@ class Conversation:
         if response is not None and playing is not None and playing.response_id not in (None, response):
             return
         name = response or self._response or (playing.response_id if playing else None)
-        if name or playing or is_cancelled:
-            self._void = name, now
+        self._void = name, now if name or playing else -inf
         self._unnamed += 1
         for item in self.items:
             if item.cut is None and not (item.is_ended and item.heard(now) >= item.samples):
@@ -306,6 +292,7 @@ class Conversation:
             await self._truncate(event, avatar)
         elif event.type in CUTS:
             await self._cut(avatar, now, event.response_id)
+            self._void = self._void if self._void[0] or event.response_id else (None, now)
             self._awaited = "cancel" if self._awaited and event.type == "response.cancel" else self._awaited
         elif event.type == "session.update":
             self._update_session(event.session, is_wish=True)

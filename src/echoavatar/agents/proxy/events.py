@@ -23,7 +23,6 @@ AUDIO_DELTA, AUDIO_DONE = "audio.delta", "audio.done"  # ends of their names
 PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
 CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
-OVER = ("response.done", "response.cancelled")
 MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
 MOST_VALUES = 1 << 16  # in it
 
