@@ -65,7 +65,9 @@ def _without_label(names: Sequence[str]) -> Sequence[str]:
     for _ in range(START_WORDS):
         starts = Counter(start[0] for name in names if (start := _START.match(name)))
         label, count = max(starts.items(), key=lambda found: found[1], default=("", 0))
-        if count <= START_SHARE * len(names) or read_name(label).is_helper:
+        behind = {word for name in names if name.startswith(label) for word in read_name(name[len(label) :]).plain}
+        is_whole = {"head", "foot"} <= {_WORDS.get(word, "").replace("ankle", "foot") for word in behind}
+        if not label or read_name(label).is_helper or not (is_whole or count > START_SHARE * len(names)):
             break
         names = [name.removeprefix(label) for name in names]
     return names
