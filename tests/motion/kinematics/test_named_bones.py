@@ -69,6 +69,8 @@ def test_the_joint_is_the_bone_and_not_the_pivots_above_it(pivots, is_above):
 
 
 AMBIGUOUS = {
+    "arms counted": {"arm": "UpperArm=arm_{s}_1/=arm_{s}_2/LowerArm=arm_{s}_3/Hand=hand_{s}"},
+    "arms counted from the collar": {"arm": "Shoulder=arm_{s}_1/UpperArm=arm_{s}_2/LowerArm=arm_{s}_3/Hand=hand_{s}"},
     "leg is the thigh": {"leg": "UpperLeg=leg_{s}/LowerLeg=shin_{s}/Foot=foot_{s}/Toes=toe_{s}"},
     "leg is the shin": {"leg": "UpperLeg=thigh_{s}/LowerLeg=leg_{s}/Foot=foot_{s}/Toes=toe_{s}"},
     "leg is both": {"leg": "UpperLeg=leg_{s}/LowerLeg=leg_{s}.001/Foot=foot_{s}"},
@@ -106,6 +108,16 @@ AMBIGUOUS = {
 def test_the_order_along_a_limb_settles_words_that_mean_several_bones(name):
     made = body(UNREAL._replace(fingers="", **AMBIGUOUS[name]), has_noise=True)
     assert names_of(made.skeleton) == made.bones
+
+
+def test_the_label_of_a_body_is_known_beside_many_other_things():
+    """As in the constants of OpenXR, where BODY and JOINT say nothing."""
+    made = body(UNREAL._replace(fingers=""), "XR_BODY_JOINT_{}_HTC")
+    names = [*made.skeleton.names, *(f"prop_{k}" for k in range(made.skeleton.joints))]
+    parents = [*made.skeleton.parents, *range(made.skeleton.joints)]
+    places = np.concatenate([made.skeleton.rest_positions, made.skeleton.rest_positions + [0, 0.004, -0.01]])
+    found = find_bones(Tree(names, parents, places))
+    assert {bone: names[joint] for bone, joint in found.items() if bone not in EXTRA} == made.bones
 
 
 _LEGS = [f"{side}{bone}" for side in ("left", "right") for bone in ("UpperLeg", "LowerLeg", "Foot")]
