@@ -226,6 +226,33 @@ async def test_another_response_is_cancelled() -> None:
     assert [item.cut for item in conversation.items] == [None]
 
 
+CANCEL, CREATE = (-1.0, Event("response.cancel")), (-1.0, Event("response.create"))
+CREATED, DONE = (1.1, Event("response.created")), (1.3, Event("response.done", response={"status": "cancelled"}))
+LATE, NEXT = (1.2, speech(0.3)), (1.4, speech(0.6))
+EARLY = {  # the client cancels before sound has come, which names nothing; only the last sound is spoken
+    "a server that names its responses": [(1.0, Event("response.created", response={"id": "r"})), CANCEL, LATE, DONE,
+                                          (1.4, Event("response.created", response={"id": "s"})), NEXT],
+    "a server that names nothing": [(1.0, CREATED[1]), CANCEL, LATE, LATE, DONE, CREATED, NEXT],
+    "a server that only says when it is done": [CANCEL, LATE, LATE, DONE, NEXT],
+    "a server that only says when a part is done": [CANCEL, LATE, (1.3, Event("response.audio.done")), NEXT],
+    "before the server begins": [CREATE, CANCEL, CREATED, LATE, DONE, CREATE, CREATED, NEXT],
+    "the same with names": [CREATE, CANCEL, (1.1, Event("response.created", response={"id": "r"})), LATE, DONE,
+                            (1.4, Event("response.created", response={"id": "s"})), NEXT],
+    "another is asked for at once": [(1.0, CREATED[1]), CANCEL, CREATE, LATE, DONE, CREATED, NEXT],
+    "what was asked for was refused": [CREATE, (1.0, Event("error")), CANCEL, CREATED, NEXT],
+    "nothing was there to cancel": [CANCEL, CREATED, NEXT],
+    "and long ago": [CANCEL, (9.0, speech(0.6))],
+    "the user spoke": [(1.0, Event("input_audio_buffer.speech_started")), NEXT],
+    "after its first sound": [(1.0, speech(0.1)), CANCEL, LATE, DONE, NEXT],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("when", EARLY)
+async def test_what_is_cancelled_before_its_sound_comes_is_not_spoken_and_the_next_response_is(when: str) -> None:
+    avatar = await run(EARLY[when])
+    assert [size for kind, size in avatar.told if kind == "chunk"] == 2 * [6_400]
+
+
 OPUS = Event("session.created", session={"output_audio_format": "opus"})
 UNREADABLE: dict[str, list[Event]] = {
     "no base64": [Event("response.audio.delta", item_id="a", delta="***")],

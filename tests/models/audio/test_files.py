@@ -129,6 +129,25 @@ def test_24_bits_in_32_may_be_said_in_the_old_form(tmp_path: Path, extra: bytes)
     is_talk(read_audio(tmp_path / "a.wav"))
 
 
+@pytest.mark.parametrize("align", [0, 1, 2, 3, 4, 6, 7, 8, 12, 100])
+@pytest.mark.parametrize(("channels", "width"), [(1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 4)])
+def test_a_wav_whose_block_align_is_wrong_is_read_by_its_bits(
+    tmp_path: Path, channels: int, width: int, align: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = np.repeat(np.round(TWO * (2.0 ** (8 * width - 1) - 1)).astype("<i4"), channels)
+    head = struct.pack("<HHIIHH", 1, channels, 24_000, 24_000 * channels * width, align, 8 * width)
+    (tmp_path / "a.wav").write_bytes(wav(head, whole.view(np.uint8).reshape(-1, 4)[:, :width].tobytes()))
+    is_talk(read_audio(tmp_path / "a.wav"))
+    assert len(caplog.records) == caplog.text.count("as by its header") == (align != channels * width)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16, 24])
+def test_a_sample_has_the_width_that_block_align_and_bytes_of_a_second_agree_on(tmp_path: Path, bits: int) -> None:
+    head = struct.pack("<HHIIHH", 1, 2, 24_000, 24_000 * 8, 8, bits)
+    (tmp_path / "a.wav").write_bytes(wav(head, np.repeat(TWO * 2.0**31, 2).astype("<i4").tobytes()))
+    is_talk(read_audio(tmp_path / "a.wav"))
+
+
 @pytest.mark.parametrize(
     ("form", "field", "skipped", "unknown"),
     [("AU", b".snd", 4, b"\xff" * 4), ("CAF", b"data", 0, b"\xff" * 8), ("FLAC", b"fLaC", 18, bytes(4))],

@@ -42,30 +42,35 @@ def test_what_stands_around_the_names_of_a_scheme_does_not_matter(frame):
             assert found == {bone: made.skeleton.index(joint) for bone, joint in made.bones.items()}, name
 
 
-PIVOTS = {  # what stands above each joint, in its place
+PIVOTS = {  # what stands above each joint
     "Assimp": ("{}_$AssimpFbx$_Translation", "{}_$AssimpFbx$_PreRotation", "{}_$AssimpFbx$_Rotation"),
     "groups of Maya": ("{}_grp", "{}_sdk"),
     "offsets": ("{}_offset",),
+    "a word in front": ("zero{}",),
 }
 
 
+@pytest.mark.parametrize("is_above", [False, True], ids=["in its place", "in its parent's place"])
 @pytest.mark.parametrize("pivots", PIVOTS)
-@pytest.mark.parametrize("name", ["Mixamo", "Unreal 4", "Unity", "SMPL-X and BEAT2", "3ds Max", "MikuMikuDance"])
-def test_the_joint_is_the_bone_and_not_the_pivots_above_it(name, pivots):
-    """A clip that turns the pivots turns the joint below them, and not the other way round."""
-    made = body(*every_body()[name])
-    names, parents, offsets, last = list[str](), list[int](), list[tuple[float, float, float]](), {-1: -1}
-    for joint, written in enumerate(made.skeleton.names):
-        chain = [*(pivot.format(written) for pivot in PIVOTS[pivots]), written]
-        parents += [last[made.skeleton.parents[joint]], *range(len(names), len(names) + len(chain) - 1)]
-        offsets += [made.skeleton.config.offsets[joint], *[(0.0, 0.0, 0.0)] * (len(chain) - 1)]
-        names += chain
-        last[joint] = len(names) - 1
-    config = SkeletonConfig(names=tuple(names), parents=tuple(parents), offsets=tuple(offsets))
-    assert names_of(Skeleton(config)) == made.bones
+def test_the_joint_is_the_bone_and_not_the_pivots_above_it(pivots, is_above):
+    """A clip that turns the pivots turns the joint below them, and not the other way round. In any language."""
+    for name, (scheme, frame) in every_body().items():
+        made = body(scheme, frame)
+        names, parents, offsets, last = list[str](), list[int](), list[tuple[float, float, float]](), {-1: -1}
+        for joint, written in enumerate(made.skeleton.names):
+            chain = [*(pivot.format(written) for pivot in PIVOTS[pivots]), written]
+            parents += [last[made.skeleton.parents[joint]], *range(len(names), len(names) + len(chain) - 1)]
+            steps = [made.skeleton.config.offsets[joint], *[(0.0, 0.0, 0.0)] * (len(chain) - 1)]
+            offsets += steps[::-1] if is_above else steps
+            names += chain
+            last[joint] = len(names) - 1
+        config = SkeletonConfig(names=tuple(names), parents=tuple(parents), offsets=tuple(offsets))
+        assert names_of(Skeleton(config)) == made.bones, name
 
 
 AMBIGUOUS = {
+    "arms counted": {"arm": "UpperArm=arm_{s}_1/=arm_{s}_2/LowerArm=arm_{s}_3/Hand=hand_{s}"},
+    "arms counted from the collar": {"arm": "Shoulder=arm_{s}_1/UpperArm=arm_{s}_2/LowerArm=arm_{s}_3/Hand=hand_{s}"},
     "leg is the thigh": {"leg": "UpperLeg=leg_{s}/LowerLeg=shin_{s}/Foot=foot_{s}/Toes=toe_{s}"},
     "leg is the shin": {"leg": "UpperLeg=thigh_{s}/LowerLeg=leg_{s}/Foot=foot_{s}/Toes=toe_{s}"},
     "leg is both": {"leg": "UpperLeg=leg_{s}/LowerLeg=leg_{s}.001/Foot=foot_{s}"},
@@ -103,6 +108,16 @@ AMBIGUOUS = {
 def test_the_order_along_a_limb_settles_words_that_mean_several_bones(name):
     made = body(UNREAL._replace(fingers="", **AMBIGUOUS[name]), has_noise=True)
     assert names_of(made.skeleton) == made.bones
+
+
+def test_the_label_of_a_body_is_known_beside_many_other_things():
+    """As in the constants of OpenXR, where BODY and JOINT say nothing."""
+    made = body(UNREAL._replace(fingers=""), "XR_BODY_JOINT_{}_HTC")
+    names = [*made.skeleton.names, *(f"prop_{k}" for k in range(made.skeleton.joints))]
+    parents = [*made.skeleton.parents, *range(made.skeleton.joints)]
+    places = np.concatenate([made.skeleton.rest_positions, made.skeleton.rest_positions + [0, 0.004, -0.01]])
+    found = find_bones(Tree(names, parents, places))
+    assert {bone: names[joint] for bone, joint in found.items() if bone not in EXTRA} == made.bones
 
 
 _LEGS = [f"{side}{bone}" for side in ("left", "right") for bone in ("UpperLeg", "LowerLeg", "Foot")]

@@ -12,7 +12,7 @@ its item, or of another one between, goes on with the item: as a further `Speech
 import asyncio
 import logging
 from collections.abc import Iterable, Iterator
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
@@ -29,6 +29,8 @@ _LOG = logging.getLogger(__name__)
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 VOID_S = 2.0  # what comes of a response after it was cut off was on its way
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
+_OVER = ("response.done", "response.cancelled")
+_NOTHING: tuple[str | None, float] = None, -inf
 BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
 
 
@@ -43,7 +45,8 @@ class Conversation:
         self._response_format: Format | None = None
         self._asked_format: Format | None = None  # by the client for the next response
         self._response: str | None = None  # the newest response
-        self._void: tuple[str | None, float] = None, 0.0  # the response that was cut off, and when
+        self._void = _NOTHING  # the response that was cut off, and when
+        self._awaited = ""  # what the client sent last of "create" and "cancel" for a response that has not begun
         self._item: str | None = None  # what the server last called an item of the model's
         self._unnamed = 0  # number of the item for which nobody has a name
         self._text = TimedText()  # of an item whose sound has not come
@@ -83,22 +86,28 @@ class Conversation:
         elif kind.endswith(AUDIO_DONE) or kind in PARTS_DONE:
             await self._end(self.items.find(self._name(event), event.content_index), avatar)
             self._unnamed += 1
+            self._void = self._void if self._void[0] else _NOTHING
         elif kind == "response.created":
             self._response_format = audio_format(event.response, "output") or self._asked_format
             self._asked_format = None
-            self._response, self._item, self._void = event.response_id, None, (None, 0.0)
+            self._response, self._item = event.response_id, None
+            self._void = (event.response_id, now) if self._awaited == "cancel" else _NOTHING
+            self._awaited = ""
             self._text = TimedText()
             self._unnamed += 1
         elif kind in ("response.output_item.added", "conversation.item.created", "conversation.item.added"):
             if inside(event.item, "role") != "user" and inside(event.item, "type") in ("message", None):
                 self._item = event.item_id
-        elif kind in ("response.done", *CUTS):
+        elif kind in (*_OVER, *CUTS):
             if kind in CUTS or inside(event.response, "status") == "cancelled":
                 await self._cut(avatar, now, event.response_id)
             for item in self.items:
                 if event.response_id is None or item.response_id in (None, event.response_id):
                     await self._end(item, avatar)
             self._unnamed += 1
+            self._void = self._void if self._void[0] or kind not in _OVER else _NOTHING
+        elif kind == "error":
+            self._awaited = ""
         elif kind in SESSION:
             self._update_session(event.session)
         elif kind == "input_audio_buffer.speech_started" and self._user_interrupts:
@@ -169,7 +178,7 @@ class Conversation:
         )
         self._text = TimedText()
         void, since = self._void
-        if avatar is None or (item.response_id is not None and item.response_id == void and now < since + VOID_S):
+        if avatar is None or (item.response_id == void and now < since + VOID_S):
             item.cut = 0  # the avatar missed its beginning, or it is on its way since the response was cut off
         else:
             await self._finish_cut(avatar)
@@ -217,7 +226,8 @@ class Conversation:
         playing = self.items.playing_at(now)
         if response is not None and playing is not None and playing.response_id not in (None, response):
             return
-        self._void = response or self._response or (playing.response_id if playing else None), now
+        name = response or self._response or (playing.response_id if playing else None)
+        self._void = name, now if name or playing else -inf
         self._unnamed += 1
         for item in self.items:
             if item.cut is None and not (item.is_ended and item.heard(now) >= item.samples):
@@ -282,10 +292,12 @@ class Conversation:
             await self._truncate(event, avatar)
         elif event.type in CUTS:
             await self._cut(avatar, now, event.response_id)
+            self._void = self._void if self._void[0] or event.response_id else (None, now)
+            self._awaited = "cancel" if self._awaited and event.type == "response.cancel" else self._awaited
         elif event.type == "session.update":
             self._update_session(event.session, is_wish=True)
         elif event.type == "response.create":
-            self._asked_format = audio_format(event.response, "output")
+            self._asked_format, self._awaited = audio_format(event.response, "output"), "create"
         elif event.type == "echoavatar.played" and event.audio_end_ms is not None:
             item = self.items.find(event.item_id, event.content_index)
             if item is not None:

@@ -6,10 +6,12 @@ Whatever ffmpeg's libraries read (PyAV). A name is never taken for an address, a
 import logging
 import mmap
 import re
+import struct
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from itertools import islice, pairwise
+from math import lcm
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +39,7 @@ _CONTAINERS = (
 )
 _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file,subfile"}
 _LARGEST_BYTES = 1 << 40
+_PACKET = 4096  # bytes of a WAV that are decoded at once, or a few more
 _MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
 _STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
@@ -50,8 +53,8 @@ _BEGINS = {  # of files without an index, by their first four letters
 }
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
-# The head of a WAV with whole numbers: its channels, and the bytes of a sample of all of them.
-_WHOLE = re.compile(rb"fmt .\0\0\0(?:\x01\0|\xfe\xff(?=.{22}\x01\0))(.)\0.{8}(.)\0", re.DOTALL)
+_WAV_HEAD = re.compile(rb"fmt .\0\0\0(.{16})(?:.{8}(..))?", re.DOTALL)
+_WIDTHS = {1: "pcm_u8", 2: "pcm_s16le", 3: "pcm_s24le", 4: "pcm_s32le"}  # by bytes of a sample
 _NO_SOUND = {
     b"MThd": "is notes (MIDI) and no sound; play them into a WAV file, for example with FluidSynth",
     b"PK\x03\x04": "is a ZIP archive and no sound file; unpack it",
@@ -103,6 +106,9 @@ def open_sound(path: Path, part: range | None = None) -> InputContainer:
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
     address = f"subfile,,start,{part.start},end,{part.stop},,:file:{path}" if part else f"file:{path}"
     options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
+    if wav := _wav_form(_head(path, part.start if part else 0)):
+        whole = lcm(wav[0], wav[1] or 1)  # FFmpeg cuts samples where they differ
+        options["max_size"] = str(-(-_PACKET // whole) * whole)
     opened: InputContainer = av.open(address, "r", metadata_errors="ignore", options=options)
     return opened
 
@@ -144,8 +150,10 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
     streams = _tracks(container)
     tracks = {stream.index: number for number, stream in enumerate(streams)}
     stated = [_stated_roles(stream) for stream in streams]
-    head = _head(path, part.start) if container.format.name == "wav" else b""
-    decoders = {stream.index: _decoder(stream, head) for stream in streams}
+    wav = _wav_form(_head(path, part.start)) if container.format.name == "wav" else None
+    decoders = {stream.index: _decoder(stream, wav[2] if wav else "") for stream in streams}
+    if is_told and wav and wav[0] != wav[1]:
+        _LOG.warning("%s: its samples of all channels are read as %d bytes, not %d as by its header", path, *wav[:2])
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
     packets, faults, seconds, begun = container.demux(streams), 0, 0.0, set[int]()
     while faults <= _MOST_FAULTS:
@@ -201,12 +209,28 @@ def _head(path: Path, start: int = 0, length: int = 1024) -> bytes:
         return file.read(length)
 
 
-def _decoder(stream: av.AudioStream, head: bytes) -> Any:
+def _wav_form(head: bytes) -> tuple[int, int, str] | None:
+    """Bytes of a sample of all channels, the same as stated, and the decoder of whole numbers, of a WAV of samples.
+
+    Where bits and block align contradict each other, the bytes of a second decide.
+    """
+    found = _WAV_HEAD.search(head) if head.startswith(b"RIFF") else None
+    if found is None:
+        return None
+    kind, channels, rate, speed, align, bits = struct.unpack("<HHIIHH", found[1])
+    kind = int.from_bytes(found[2] or b"", "little") if kind == 0xFFFE else kind
+    if kind not in (1, 3) or not channels or not bits:  # neither whole numbers nor floats
+        return None
+    is_sure = speed == rate * align and align % channels == 0
+    width = max(-(-bits // 8), align // channels if is_sure else 0)
+    return width * channels, align, _WIDTHS.get(width, "") if kind == 1 else ""
+
+
+def _decoder(stream: av.AudioStream, kind: str) -> Any:
     """What decodes a track. FFmpeg takes 24 bits in 32 for floats that a program of the nineties wrote."""
-    form = _WHOLE.search(head)
-    if form is None or form[2][0] != 4 * form[1][0]:
+    if not kind:
         return stream
-    whole: Any = av.CodecContext.create("pcm_s32le", "r")
+    whole: Any = av.CodecContext.create(kind, "r")
     whole.sample_rate, whole.layout = stream.codec_context.sample_rate, stream.codec_context.layout
     return whole
 

@@ -69,6 +69,30 @@ class Tree:
         lines = [self.above(joint) for joint in joints]
         return next((joint for joint in (lines[0] if lines else []) if all(joint in line for line in lines)), -1)
 
+    def bearing(self) -> list[int]:
+        """The joints without pivots and groups: those hold one joint, whose place and name are theirs too.
+
+        A group may also stand in its parent's place; one without a word for a part of the body need not have the name.
+        """
+        near = 1e-3 * float(np.ptp(self.places, axis=0).max())
+        held = list(range(len(self.names)))  # by each joint, or itself
+        for joint in reversed(held[:]):
+            parent = self.parents[joint]
+            if len(self.children[joint]) == 1:
+                one = held[self.children[joint][0]]
+                is_here, is_above = np.linalg.norm(self.places[[one, parent]] - self.places[joint], axis=1) < near
+                is_above = parent < 0 or (is_above and self.names[joint] not in self.names[parent])
+                is_named = self.names[one] in self.names[joint] and (is_here or is_above)
+                if is_named or (is_here and self.children[one] and not self.said[joint].part):
+                    held[joint] = one
+        return [joint for joint, one in enumerate(held) if one == joint]
+
+    def only(self, joints: Sequence[int]) -> "Tree":
+        """The tree of these joints alone, each below the next of them that it hangs from."""
+        at = {joint: k for k, joint in enumerate(joints)}
+        above = [next((at[one] for one in self.above(joint)[1:] if one in at), -1) for joint in joints]
+        return Tree([self.names[joint] for joint in joints], above, self.places[list(joints)])
+
     def between(self, top: int, joint: int) -> list[int]:
         """The joints on the way from `top` to `joint`, both left out."""
         line = self.above(joint)

@@ -50,23 +50,14 @@ def read_names(names: Sequence[str]) -> list[Said]:
     """What each name of a rig says, without the words that label the whole rig."""
     said = [read_name(name) for name in _without_label(names)]
     parts = [one for one in said if one.part]
-    bare = {(one.side, one.plain) for one in said}
-    beside, again = dict[str, list[str]](), dict[str, list[str]]()  # again: other joints have the name without the word
+    beside: dict[str, list[str]] = {}
     for one in parts:
         for word in {*one.strangers, *one.helpers}:
-            is_again = (one.side, tuple(other for other in one.plain if other != word)) in bare
-            (again if is_again else beside).setdefault(word, []).append(one.part)
-    helpers = {word for word, near in again.items() if len(set(near)) >= LABEL_PARTS}
+            beside.setdefault(word, []).append(one.part)
     labels = {word for word, near in beside.items() if word not in _WORDS and len(set(near)) >= LABEL_PARTS}
     labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # all are controls
-    labels -= helpers
-    return [
-        one._replace(
-            helpers=tuple(w for w in one.helpers if w not in labels) + tuple(w for w in one.strangers if w in helpers),
-            strangers=tuple(w for w in one.strangers if w not in labels),
-        )
-        for one in said
-    ]
+    left = [[tuple(w for w in words if w not in labels) for words in (one.helpers, one.strangers)] for one in said]
+    return [one._replace(helpers=h, strangers=s) for one, (h, s) in zip(said, left, strict=True)]
 
 
 def _without_label(names: Sequence[str]) -> Sequence[str]:
@@ -74,7 +65,9 @@ def _without_label(names: Sequence[str]) -> Sequence[str]:
     for _ in range(START_WORDS):
         starts = Counter(start[0] for name in names if (start := _START.match(name)))
         label, count = max(starts.items(), key=lambda found: found[1], default=("", 0))
-        if count <= START_SHARE * len(names) or read_name(label).is_helper:
+        behind = {word for name in names if name.startswith(label) for word in read_name(name[len(label) :]).plain}
+        is_whole = {"head", "foot"} <= {_WORDS.get(word, "").replace("ankle", "foot") for word in behind}
+        if not label or read_name(label).is_helper or not (is_whole or count > START_SHARE * len(names)):
             break
         names = [name.removeprefix(label) for name in names]
     return names

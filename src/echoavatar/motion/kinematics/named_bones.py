@@ -6,6 +6,7 @@ with the order thigh, shin, foot. Hips are where legs, arms and head meet; spine
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -65,6 +66,7 @@ def _starts(tree: Tree) -> list[int]:
 def _body(tree: Tree, start: int) -> dict[str, int]:
     below = tree.below(start)
     legs, arms = ([_limb(tree, below, side, limb) for side in SIDES] for limb in (_LEG, _ARM))
+    arms = [_evened(tree, arm) for arm in arms]
     limbs = {side + bone: joint for two in (legs, arms) for side, limb in zip(SIDES, two, strict=True)
              for bone, joint in limb.items()}  # fmt: skip
     at_arms = tree.meet([next(iter(arm.values())) for arm in arms if arm]) if all(arms) else -1
@@ -107,6 +109,25 @@ def _limb(tree: Tree, joints: Sequence[int], side: str, bones: Sequence[str]) ->
                 chains[joint][slot] = longer
             best = max(best, longer, key=lambda one: one[0])
     return {bones[slot]: joint for slot, joint in best[1]}
+
+
+def _evened(tree: Tree, arm: dict[str, int]) -> dict[str, int]:
+    """The arm; of joints that are only counted (`Arm1`, `Arm2`, `Arm3`) those make the most of two equal bones."""
+
+    def name(joint: int) -> tuple[object, ...]:
+        said = tree.said[joint]
+        return said.side, *(word for word in said.plain if not word.isdecimal())
+
+    def evenness(pair: tuple[int, ...]) -> float:
+        upper, lower = np.linalg.norm(np.diff(tree.places[[*pair, arm["Hand"]]], axis=0), axis=1)
+        return float(min(upper, lower) - abs(upper - lower) / 10)
+
+    above = tree.above(arm["Hand"])[:0:-1] if {"UpperArm", "LowerArm", "Hand"} <= {*arm} else []
+    line = [joint for joint in above if name(joint) == name(arm["UpperArm"])]
+    if len(line) < 3 or arm["LowerArm"] not in line:
+        return arm
+    upper, lower = max(combinations(line, 2), key=evenness)
+    return ({"Shoulder": line[0]} if upper != line[0] else {}) | arm | {"UpperArm": upper, "LowerArm": lower}
 
 
 def _head(tree: Tree, joints: Sequence[int]) -> int:

@@ -77,9 +77,11 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
     own = {bone: list(tree.names).index(joint) for bone, joint in joints.items()}
     found, sure = {}, dict(believed or {})
     if any(bone not in sure for bone in REQUIRED):
-        found = named_bones(tree)
+        joints_of = tree.bearing()
+        found = named_bones(plain := tree.only(joints_of))
         if any(bone not in found for bone in REQUIRED):
-            found = _with_shape(tree, found)
+            found = _with_shape(plain, found)
+        found = {bone: joints_of[joint] for bone, joint in found.items()}
     found = {bone: joint for bone, joint in found.items() if joint not in sure.values()} | sure
     return {bone: j for bone, j in found.items() if bone not in (given or {}) and j not in own.values()} | own
 
