@@ -33,7 +33,7 @@ def test_a_new_session_does_not_remember_the_last_one_on_its_seat() -> None:
         assert len(list(session)) == 1
     with machine.open(seed=5) as session:
         session.push(np.zeros(6_400, np.float32))
-        assert float(next(iter(session)).root[0, 1]) == 5
+        assert round(float(next(iter(session)).root[0, 1]), 3) == 5
 
 
 def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
@@ -44,7 +44,7 @@ def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
     assert machine.tick() == 2
     assert machine.tick() == 1
     assert machine.tick() == 0
-    totals = [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions]
+    totals = [[round(float(chunk.root[0, 1]), 3) for chunk in Session(session)] for session in sessions]
     assert totals == [[6_400, 12_800], [], [12_800]]
 
 
@@ -75,7 +75,11 @@ def test_two_workers_step_two_sessions_side_by_side_each_by_itself() -> None:
             session.push(np.full(6_400, value, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [1, 1]
-    assert [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions] == [[6_400], [], [19_202]]
+    assert [[round(float(chunk.root[0, 1]), 3) for chunk in Session(session)] for session in sessions] == [
+        [6_400],
+        [],
+        [19_202],
+    ]
 
 
 def test_a_failure_in_a_worker_is_raised_by_tick() -> None:
