@@ -18,7 +18,7 @@ SOURCE = ROOT / "src" / "echoavatar"
 LAB = ROOT / "lab" / "src" / "echoavatar_lab"
 SHIPPED = ROOT / "docs" / "img" / "map.svg"
 PAGE = ROOT / "docs" / "architecture.md"
-FILES = "## Every file\n", "\n## One chunk\n"  # the list stands between these headings
+FILES = "## Other files\n", "\n## One chunk\n"  # the list stands between these headings
 CHUNK = [
     ("sound", "any rate, any cutting: speech, music, silence"),
     ("engine.AudioQueue", "24 kHz, 6,400 samples to a chunk, bounded"),
@@ -111,24 +111,33 @@ def drawing() -> str:
     return "\n".join([*out, "</svg>", ""])
 
 
-def listing() -> str:
-    """Every file of both houses, by room: names only, which are chosen to tell."""
+def listing(told: str) -> str:
+    """The files of both houses that the page has not `told`, by room: names only, which are chosen to tell."""
     lines = []
     for source in (SOURCE, LAB):
         lines += ["", f"`{source.relative_to(ROOT)}`", ""]
         for room in [source, *sorted(path.parent for path in source.rglob("__init__.py") if path.parent != source)]:
-            names = ", ".join(path.stem for path in sorted(room.glob("*.py")) if not path.stem.startswith("__"))
+            paths = [path for path in sorted(room.glob("*.py")) if not path.stem.startswith("__")]
+            names = ", ".join(path.stem for path in paths if not _is_told(path, room.relative_to(source), told))
             if names:
                 where = f"`{room.relative_to(source)}/`" if room != source else "top"
                 lines += textwrap.wrap(f"- {where}: {names}", 120, subsequent_indent="  ", break_on_hyphens=False)
     return "\n".join(lines) + "\n"
 
 
+def _is_told(path: Path, room: Path, told: str) -> bool:
+    """Whether a row names the file, with its room or beside another of its room."""
+    rows = [
+        row for row in told.splitlines() if row.startswith("|") and (f"/{path.name}`" in row or f"`{path.name}`" in row)
+    ]
+    return any(f"{room.as_posix()}/" in row or room == Path() for row in rows)
+
+
 def page() -> str:
     """docs/architecture.md with the present list of files."""
     text = PAGE.read_text("utf-8")
     before, rest = text.split(FILES[0])
-    return before + FILES[0] + listing() + FILES[1] + rest.split(FILES[1])[1]
+    return before + FILES[0] + listing(before) + FILES[1] + rest.split(FILES[1])[1]
 
 
 if __name__ == "__main__":
