@@ -106,8 +106,9 @@ def open_sound(path: Path, part: range | None = None) -> InputContainer:
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
     address = f"subfile,,start,{part.start},end,{part.stop},,:file:{path}" if part else f"file:{path}"
     options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
-    if wav := _wav_form(_head(path, part.start if part else 0)):
-        whole = lcm(wav[0], wav[1] or 1)  # FFmpeg cuts samples where they differ
+    wav = _wav_form(_head(path, part.start if part else 0))
+    if wav and wav[0] != wav[1]:  # FFmpeg would cut samples
+        whole = lcm(wav[0], wav[1] or 1)
         options["max_size"] = str(-(-_PACKET // whole) * whole)
     opened: InputContainer = av.open(address, "r", metadata_errors="ignore", options=options)
     return opened
