@@ -23,7 +23,7 @@ LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right"
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
 LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
 # Times the model's moves, at `SIZED` of the dial. The stage takes a tenth; the calm move less often rather than small.
-SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 0.94, 1.1, 1.3
+SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 1.0, 1.1, 1.3
 SIZED = (0, 0.6, 1, 2)
 DRIFT = 0.15  # how far a number wanders from what was drawn
 STEP = CHUNK  # 0.27 s: how long all that is decided here holds at least, whatever the chunk
