@@ -195,33 +195,22 @@ def _rig(
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    written = (str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes)
-    names = dict(zip(nodes, numbered(written), strict=True))
-    trees: list[list[int]] = [nodes]
-    if not mapped and not given:  # of several characters, the largest
-        tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
-        parts = {top: [node for node in nodes if tops[node] == top] for top in joints & set(tops.values())}
-        trees = [*sorted(parts.values(), key=lambda part: (-len(part), part)), nodes]
-    found = list[dict[str, int]]()
-    for listed in trees:
-        if listed is nodes and found:
-            break
-        slot = {node: index for index, node in enumerate(listed)}
-        over = [slot.get(parents[node], -1) for node in listed]
-        is_mirrored = np.median(np.linalg.det(worlds[listed, :3, :3])) < 0  # by a node above
-        tree = Tree([names[node] for node in listed], over, worlds[listed, :3, 3] * [-1 if is_mirrored else 1, 1, 1])
-        bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
-        if all(bone in bones for bone in REQUIRED) or listed is nodes:
-            check_bones(tree.names, bones)
-            found.append({bone: listed[joint] for bone, joint in bones.items()})
-    known = found[0]
-    if len({bones["hips"] for bones in found}) > 1:
-        notes.append(f"it holds several characters; the one with the hips {names[known['hips']]!r} is read")
-    order = [node for node in nodes if known["hips"] in (node, *above(parents, node))]
-    slot = {node: index for index, node in enumerate(order)}
-    if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
+    names = numbered(str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes)
+    slot = {node: index for index, node in enumerate(nodes)}
+    is_mirrored = np.median(np.linalg.det(worlds[nodes, :3, :3])) < 0  # by a node above
+    places = worlds[nodes, :3, 3] * [-1 if is_mirrored else 1, 1, 1]
+    tree = Tree(names, [slot.get(parents[node], -1) for node in nodes], places)
+    bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
+    check_bones(names, bones)
+    hips = bones["hips"]
+    own = {joint: index for index, joint in enumerate(sorted(tree.below(hips)))}
+    if apart := [bone for bone in REQUIRED if bones[bone] not in own]:
         raise MotionError(f"its {apart[0]} does not hang from its hips; check the nodes' children")
-    return order, {bone: slot[node] for bone, node in known.items() if node in slot}, tuple(names[n] for n in order)
+    others = [joint for joint in range(len(nodes)) if joint not in own and joint not in tree.above(hips)]
+    if others and not (mapped or given) and find_bones(tree.only(others)).keys() >= set(REQUIRED):
+        notes.append(f"it holds several characters; the one with the hips {names[hips]!r} is read")
+    found = {bone: own[joint] for bone, joint in bones.items() if joint in own}
+    return [nodes[joint] for joint in own], found, tuple(names[joint] for joint in own)
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
