@@ -18,7 +18,7 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.bvh import read_standing
 from echoavatar.motion.formats.gltf_data import refusing_damage
-from echoavatar.motion.formats.gltf_file import node_matrix, rotation_of, scale_of
+from echoavatar.motion.formats.gltf_nodes import node_matrix, rotation_of, scale_of
 from echoavatar.motion.formats.gltf_rig import GltfRig, Skinned, read_gltf_rig, skinned
 from echoavatar.motion.formats.kinds import BVH, GLTF, kind_of
 from echoavatar.motion.formats.reading import reading

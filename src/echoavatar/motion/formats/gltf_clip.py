@@ -22,7 +22,7 @@ from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matri
 from ..kinematics.skeleton import numbered
 from ..kinematics.upright import placed
 from .gltf_data import refusing_damage
-from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
+from .gltf_nodes import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
 from .reading import reading
 

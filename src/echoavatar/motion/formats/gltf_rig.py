@@ -27,7 +27,7 @@ from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
 from ..kinematics.skeleton import numbered, summed, triples
 from ..kinematics.upright import MIRRORED, axes_of, height, metres_of
 from .gltf_data import Gltf, read_chunks, refusing_damage
-from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
+from .gltf_nodes import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
 from .reading import reading
 
 Array = np.ndarray
