@@ -44,8 +44,9 @@ from .reading import reading
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
-_SPREAD, _MOVING = 0.5, 0.05  # cosine of arms in T-pose, and of a trunk that stands; radians: somebody who moves
-_WAYS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"), ("hips", "head"))
+_ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"))
+_STANDING = (("hips", "head"), ("leftUpperLeg", "leftFoot"), ("rightUpperLeg", "rightFoot"))
+_ALONG, _MOVING = 0.5, 0.05  # cosine of ways that go along each other; radians: of somebody who moves
 _ASSUMED_HZ = 30.0
 _LONGEST_S = 2.0  # between frames; a longer time would be milliseconds
 _WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
@@ -322,7 +323,7 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
 
 
 def _in_degrees(joints: list[_Joint], frames: _Frames, notes: list[str]) -> _Frames:
-    """The frames; angles are taken for radians if in degrees somebody would hardly leave T-pose, and thus stands."""
+    """The frames; angles are radians if in degrees nobody would leave T-pose, and in radians the body stands."""
     turns = [joint.column + k for joint in joints for k, (kind, _) in enumerate(joint.channels) if kind == "rotation"]
     angles = frames[:, turns]
     if not 1 < np.abs(angles).max(initial=0) <= 2 * np.pi + 1e-5:
@@ -330,12 +331,12 @@ def _in_degrees(joints: list[_Joint], frames: _Frames, notes: list[str]) -> _Fra
     turned = frames.copy()
     turned[:, turns] = np.degrees(angles)
     motion = _assemble([replace(joint) for joint in joints], turned, _ASSUMED_HZ, [])
-    bones, poses = known_bones(motion.skeleton), [motion.skeleton.rest_positions, *motion.pose().positions]
-    ways = [[unit(pose[bones[b]] - pose[bones[a]]) for pose in poses] for a, b in _WAYS if {a, b} <= bones.keys()]
-    is_spread = len(ways) == len(_WAYS) and ways[0][0] @ ways[1][0] > _SPREAD
-    if is_spread and np.ptp(angles, axis=0).max() > _MOVING and np.mean(ways[2][1:] @ ways[2][0]) > _SPREAD:
-        notes.append("its angles are taken for radians")
-        return turned
+    bones, poses = known_bones(motion.skeleton), np.stack([motion.skeleton.rest_positions, *motion.pose().positions])
+    if all(bone in bones for way in (*_ARMS, *_STANDING) for bone in way) and np.ptp(angles, axis=0).max() > _MOVING:
+        arms, stands = ([unit(poses[:, bones[b]] - poses[:, bones[a]]) for a, b in ways] for ways in (_ARMS, _STANDING))
+        if min(arms[0][0] @ arms[1][0], *((way[1:] @ way[0]).mean() for way in stands)) > _ALONG:
+            notes.append("its angles are taken for radians")
+            return turned
     notes.append("no angle is above 6.28 degrees; if they are radians, write degrees")
     return frames
 

@@ -75,7 +75,9 @@ def _without_label(names: Sequence[str]) -> Sequence[str]:
             word for name, left in zip(names, plain, strict=True) if name != left for word in read_name(left).plain
         }
         is_whole = {"head", "foot"} <= {_WORDS.get(word, "").replace("ankle", "foot") for word in beside}
-        if label and not read_name(label).is_helper and (is_whole or count > START_SHARE * len(names)):
+        said = read_name(label)
+        is_label = label and not said.is_helper and not (said.side and pattern is _END)
+        if is_label and (is_whole or count > START_SHARE * len(names)):
             names = plain
     return names
 
