@@ -206,7 +206,8 @@ def _rig(
     own = {joint: index for index, joint in enumerate(sorted(tree.below(hips)))}
     if apart := [bone for bone in REQUIRED if bones[bone] not in own]:
         raise MotionError(f"its {apart[0]} does not hang from its hips; check the nodes' children")
-    others = [joint for joint in range(len(nodes)) if joint not in own and joint not in tree.above(hips)]
+    taken = {*own, *tree.above(hips)}
+    others = [joint for joint in range(len(nodes)) if joint not in taken]
     if others and not (mapped or given) and find_bones(tree.only(others)).keys() >= set(REQUIRED):
         notes.append(f"it holds several characters; the one with the hips {names[hips]!r} is read")
     found = {bone: own[joint] for bone, joint in bones.items() if joint in own}

@@ -20,11 +20,8 @@ CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
 LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
-START_WORDS, END_WORDS, START_SHARE = (
-    5,
-    2,
-    0.65,
-)  # any word does that more of all names begin with; fingers are not as many
+START_WORDS, END_WORDS = 5, 2  # of a label in front of all names, and of one behind them
+START_SHARE = 0.65  # any word is one that more of all names begin or end with; fingers are not as many
 _PARTS = TABLES["joints"]
 _KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side, words in TABLES[kind].items()]
 _KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
