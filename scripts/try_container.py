@@ -115,6 +115,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cold", action="store_true", help="hide the kernels that are compiled already")
     parser.add_argument("--case", choices=CASES, action="append", help="only this one")
+    parser.add_argument("--command", choices=["say --help", "doctor", "animate", "serve"], help="only this one")
     args = parser.parse_args()
     if os.geteuid() or sys.platform != "linux":
         parser.exit(1, "this needs root on Linux: sudo env PATH=$PATH python scripts/try_container.py\n")
@@ -132,6 +133,8 @@ def main() -> int:
         for case in args.case or CASES:
             writable, variables = CASES[case]
             for name, words in commands.items():
+                if args.command not in (None, name):
+                    continue
                 began = time.monotonic()
                 command = inside(words, writable, variables, volume, args.cold)
                 if name == "serve":

@@ -2,8 +2,10 @@
 
 import asyncio
 import inspect
+import logging
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from tests.tiny_bundle import write_bundle
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.wire.sockets import RepeatFilter
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -22,6 +25,15 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     given = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
     asyncio.run(asyncio.wait_for(pyfuncitem.obj(**given), 60))
     return True
+
+
+@pytest.fixture(autouse=True)
+def _every_line_is_logged() -> Iterator[None]:
+    """A server of one test must not drop the lines of the next as repeated ones."""
+    yield
+    for log in logging.root.manager.loggerDict.values():
+        if isinstance(log, logging.Logger):
+            log.filters = [known for known in log.filters if not isinstance(known, RepeatFilter)]
 
 
 @pytest.fixture

@@ -148,9 +148,14 @@ def test_a_file_with_the_token_is_not_committed_by_accident() -> None:
         assert subprocess.run(["git", "check-ignore", "-q", name], cwd=ROOT, check=False).returncode == 0, name
 
 
-@pytest.mark.slow
-def test_the_commands_run_with_the_settings_of_compose() -> None:
+SERVES = ["--command", "serve", "--case", "as compose.yaml", "--case", "nothing can be written"]
+
+
+@pytest.mark.parametrize("words", [SERVES, pytest.param([], marks=pytest.mark.slow)], ids=["the page", "all commands"])
+def test_the_commands_run_with_the_settings_of_compose(words: list[str]) -> None:
     if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False).returncode:
         pytest.skip("no namespace may be made here")
-    done = subprocess.run([sys.executable, ROOT / "scripts" / "try_container.py"], capture_output=True, text=True)
+    program = [sys.executable, ROOT / "scripts" / "try_container.py", *words]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert not words or done.stdout.count("ok ") == 2

@@ -1,4 +1,7 @@
+import json
 import re
+import shutil
+import subprocess
 from itertools import product
 from pathlib import Path
 from urllib.parse import urljoin
@@ -7,6 +10,7 @@ import pytest
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.testclient import TestClient
+from tests.web.ktx2 import make_ktx2
 
 import echoavatar
 from echoavatar.files.avatar import CHARACTERS
@@ -47,6 +51,34 @@ def test_one_script_may_evaluate_code_and_reaches_nothing(client):
 
 def _scripts():
     return [path.relative_to(STATIC).as_posix() for path in STATIC.glob("assets/*.js")]
+
+
+UNPACK = """
+import { readFileSync } from "node:fs";
+const [script, ...files] = process.argv.slice(2), { exit } = process, { log } = console;
+const data = files.map((path) => new Uint8Array(readFileSync(path)).buffer);
+const location = { href: "https://a/" };
+Object.assign(globalThis, { self: globalThis, importScripts() {}, location, process: undefined });
+self.postMessage = ({ pixels, width, height, fault }) => {
+  log(JSON.stringify([width, height, fault, ...pixels.slice(0, 4)]));
+  exit(0);
+};
+await import(script);
+for (const part of data) await self.onmessage({ data: part });
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="needs Node")
+def test_the_page_unpacks_ktx2_textures(tmp_path):
+    """Its worker with its transcoder, as a browser starts them (which `tests/web` does); the page names both."""
+    for name, content in (("run.mjs", UNPACK.encode()), ("a.ktx2", make_ktx2((220, 30, 60, 255)))):
+        (tmp_path / name).write_bytes(content)
+    worker = shutil.copy(STATIC / asset("transcode", "js"), tmp_path / "worker.mjs")
+    words = ["node", tmp_path / "run.mjs", worker, STATIC / asset("basis_transcoder", "wasm"), tmp_path / "a.ktx2"]
+    assert json.loads(subprocess.check_output(words, timeout=60)) == [8, 8, "", 220, 30, 60, 255]
+    scripts = "".join((STATIC / name).read_text("utf-8") for name in _scripts())
+    for name in (asset("transcode", "js"), asset("basis_transcoder", "wasm")):
+        assert name.removeprefix("assets/") in scripts
 
 
 def test_worklets_are_separate_scripts(client):

@@ -85,7 +85,9 @@ def test_52_targets_without_names_are_those_of_arkit() -> None:
     mesh = {"primitives": [{"targets": [{"POSITION": k} for k in range(52)]}]}
     for order in (list(APPLE_NAMES), sorted(APPLE_NAMES)):
         places = [{"min": [0, -0.03 if name == "jawOpen" else -0.01, 0], "max": [0, 0, 0]} for name in order]
-        assert target_names({"accessors": places}, mesh) == order
+        document = {"accessors": places, "nodes": [{"mesh": 0}], "meshes": [mesh]}
+        assert target_names(document, mesh) == order
+        assert face_on(PATH, document, OPEN)[0][0, order.index("jawOpen")] == 0.5
     assert target_names({}, {"primitives": [{"targets": [{}] * 51}]}) == [n for n in APPLE_NAMES if n != "tongueOut"]
     assert target_names({}, {"primitives": [{"targets": [{}] * 50}]}) == [""] * 50
 
@@ -103,7 +105,9 @@ def test_one_warning_says_what_nothing_shows(caplog: pytest.LogCaptureFixture) -
     assert len(caplog.messages) == 3
 
 
-@pytest.mark.parametrize("name", ["Head.M_Mouth_Open", "AU26", "あ", "vrc.v_aa", "CTRL_expressions_jawOpen"])
+@pytest.mark.parametrize(
+    "name", ["head.jawOpen", "Head.M_Mouth_Open", "AU26", "あ", "vrc.v_aa", "CTRL_expressions_jawOpen"]
+)
 def test_the_exported_file_opens_its_mouth(tmp_path: Path, short: Take, name: str) -> None:
     document, binary = taken_apart(long_armed())
     document["meshes"][1]["extras"] = {"targetNames": [name]}

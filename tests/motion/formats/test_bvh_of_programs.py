@@ -305,10 +305,46 @@ def test_a_frame_that_lacks_a_value_is_refused(plain, tmp_path: Path) -> None:  
         read_bvh(tmp_path / "a.bvh")
 
 
-def test_angles_that_may_be_radians_are_told(plain: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    def scaled(row: list[str]) -> str:
-        return " ".join([*row[:3], *(str(float(x) / 10) for x in row[3:])]) + "\n"
+@pytest.fixture(scope="module")
+def in_radians(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Somebody whose arms hang, in radians."""
+    path, turns = tmp_path_factory.mktemp("radians") / "a.bvh", PERSON.rotations.copy()
+    for side, sign in (("left", -1), ("right", 1)):
+        turns[:, HUMANOID.index(f"{side}UpperArm")] = [np.cos(0.7), 0, 0, sign * np.sin(0.7)]
+    write_bvh(path, HUMANOID, turns, PERSON.root, 30)
+    degrees = path.read_text()
+    return in_rows(degrees, lambda row: " ".join([*row[:3], *(f"{np.radians(float(x)):.9f}" for x in row[3:])]) + "\n")
 
-    (tmp_path / "a.bvh").write_text(in_rows(plain, scaled))
+
+def test_angles_in_radians_are_taken_for_these(
+    in_radians: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "a.bvh").write_text(in_radians)
+    motion = read_bvh(tmp_path / "a.bvh")
+    index = HUMANOID.index
+    turns = {joint: motion.rotations[:, joint] for joint in range(HUMANOID.joints)}
+    for side, sign in (("left", -1), ("right", 1)):
+        np.testing.assert_allclose(
+            np.abs(turns.pop(index(f"{side}UpperArm")) @ [np.cos(0.7), 0, 0, sign * np.sin(0.7)]), 1, atol=1e-6
+        )
+    for joint, found in turns.items():
+        np.testing.assert_allclose(np.abs((found * PERSON.rotations[:, joint]).sum(1)), 1, atol=1e-6)
+    assert "its angles are taken for radians" in caplog.text
+
+
+@pytest.mark.parametrize("what", ["nobody moves", "the arms hang at rest", "somebody would fall"])
+def test_angles_that_may_be_radians_are_told(
+    what: str, in_radians: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = in_radians
+    if what == "somebody would fall":
+        text = in_rows(text, lambda row: " ".join([*row[:5], "2.9", *row[6:]]) + "\n")
+    elif what == "nobody moves":
+        head, table = rows(text)
+        text = head + (" ".join(table[1]) + "\n") * FRAMES
+    else:
+        arm = r"(JOINT (?:left|right)LowerArm\n\s*\{\n\s*OFFSET) (\S+) \S+ \S+"
+        text = re.sub(arm, lambda found: f"{found[1]} 0 -26.5 0", text)
+    (tmp_path / "a.bvh").write_text(text)
     read_bvh(tmp_path / "a.bvh")
     assert "if they are radians, write degrees" in caplog.text

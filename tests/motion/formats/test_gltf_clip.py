@@ -179,6 +179,27 @@ def test_keys_that_may_be_counted_in_frames_or_milliseconds_are_told(
     assert bool(said) == bool(caplog.text)
 
 
+@pytest.mark.parametrize("rate", [30.0, 30000 / 1001, 60.0])
+def test_keys_in_milliseconds_are_taken_for_these(
+    rate: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def keys(unit: float) -> Callable[[Buffer], dict]:  # type: ignore[type-arg]
+        times = np.arange(20) / rate
+
+        def add(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+            turns = np.array([turn(time) for time in times], np.float32)
+            return {"input": buffer.add((unit * times).astype(np.float32)), "output": buffer.add(turns)}
+
+        return add
+
+    plain = read_gltf_clip(animated(tmp_path / "a.glb", keys(1.0)), "one")
+    assert not caplog.text
+    motion = read_gltf_clip(animated(tmp_path / "b.glb", keys(1000.0)), "one")
+    assert (motion.fps, motion.frames) == (plain.fps, plain.frames) == (pytest.approx(rate), 20)
+    np.testing.assert_allclose(motion.rotations, plain.rotations, atol=1e-5)
+    assert "the times of its keys are taken for milliseconds" in caplog.text
+
+
 def test_keys_that_go_back_in_time_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="go back in time"):
         read_gltf_clip(animated(tmp_path / "a.glb", turning([0.2, 0.1, 0])), "one")

@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from tests.motion.kinematics.schemes import FRAMED, SCHEMES, Scheme
+from tests.motion.kinematics.scheme import Scheme
+from tests.motion.kinematics.schemes import FRAMED, SCHEMES
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.named_bones import finger_bones

@@ -1,26 +1,6 @@
-"""How programs and data sets name the joints of a body.
+"""How programs and data sets name the joints of a body."""
 
-A scheme is written as lines of joints. `bone=joint` is a joint that is a bone of ours, `=joint` one that is none. The
-trunk goes from the root to the head, an arm and a leg outward. `{s}` stands for the side.
-"""
-
-from typing import NamedTuple
-
-
-class Scheme(NamedTuple):
-    """One way to name joints."""
-
-    trunk: str
-    arm: str
-    leg: str
-    sides: tuple[str, str]
-    fingers: str = ""  # of a joint of a finger: {s}, {digit}, {n} from 0, {k} from 1, {j} nothing, 1, 2
-    digits: str = "Thumb Index Middle Ring Pinky"
-    arms_at: str = ""  # joint of the trunk that the arms hang from, where it is not the last spine bone
-    legs_at: str = ""  # the same of the legs, where it is not the hips
-    palm: str = ""  # a joint between the hand and each finger
-    has_all_names: bool = True  # whether no bone is told by its place alone
-
+from tests.motion.kinematics.scheme import Scheme
 
 _UNREAL = Scheme(
     "=root/hips=pelvis/spine=spine_01/chest=spine_02/upperChest=spine_03/neck=neck_01/head=head",
@@ -90,6 +70,16 @@ _GENESIS8 = Scheme(
     "{s}{digit}{k}",
     "Thumb Index Mid Ring Pinky",
 )
+_OPEN_XR = Scheme(
+    "=Root/hips=Hips/spine=Spine_Lower/chest=Spine_Middle/=Spine_Upper/upperChest=Chest/neck=Neck/head=Head",
+    "=Shoulder_{s}/Shoulder=Scapula_{s}/UpperArm=Arm_Upper_{s}/LowerArm=Arm_Lower_{s}/=Hand_Wrist_Twist_{s}/Hand=Hand_Wrist_{s}",
+    "UpperLeg=Upper_Leg_{s}/LowerLeg=Lower_Leg_{s}/=Foot_Ankle_Twist_{s}/Foot=Foot_Ankle_{s}/=Foot_Subtalar_{s}"
+    "/=Foot_Transverse_{s}/Toes=Foot_Ball_{s}",
+    ("Left", "Right"),
+    "Hand_{digit}_{bit}_{s}",
+    "Thumb Index Middle Ring Little",
+    palm="Hand_{digit}_Metacarpal_{s}",
+)
 _DANCE = Scheme(
     "=全ての親/=センター/=グルーブ/hips=腰/spine=上半身/chest=上半身2/neck=首/head=頭",
     "={s}肩P/Shoulder={s}肩/={s}肩C/UpperArm={s}腕/={s}腕捩/LowerArm={s}ひじ/={s}手捩/Hand={s}手首",
@@ -116,6 +106,7 @@ FRAMED = {  # schemes that differ by what stands around each name
     "a path of Maya": (_MIXAMO, "|group|left|{}"),
     "Ready Player Me": (_MIXAMO, "{}"),
     "Mixamo at Sketchfab": (_MIXAMO, "mixamorig:{}_012"),
+    "OpenXR of Meta": (_OPEN_XR, "XR_FULL_BODY_JOINT_{}_META"),
     "controls alone": (_UNREAL, "{}_ctrl"),
     "a label of a word for a part": (_MIXAMO, "Body_{}"),
     "a label of a side and a part": (_MIXAMO, "left_hand_{}"),

@@ -91,6 +91,8 @@ AMBIGUOUS = {
     },
     "biomechanics": {"leg": "UpperLeg=femur_{s}/LowerLeg=shank_{s}/Foot=talus_{s}/=calcn_{s}/Toes=toes_{s}"},
     "legs counted": {"leg": "UpperLeg=leg_1_{s}/LowerLeg=leg_2_{s}/Foot=leg_3_{s}"},
+    "legs counted to the toes": {"leg": "UpperLeg=leg_1_{s}/LowerLeg=leg_2_{s}/Foot=leg_3_{s}/Toes=leg_4_{s}"},
+    "legs counted to the foot": {"leg": "UpperLeg=leg_1_{s}/LowerLeg=leg_2_{s}/Foot=foot_1_{s}/Toes=foot_2_{s}"},
     "the limb in front": {
         "arm": "Shoulder={s}Arm_Collarbone/UpperArm={s}Arm_UpperArm/LowerArm={s}Arm_ForeArm/Hand={s}Arm_Hand",
         "leg": "UpperLeg={s}Leg_Thigh/LowerLeg={s}Leg_Calf/Foot={s}Leg_Foot/Toes={s}Leg_Toe1",
@@ -118,6 +120,37 @@ def test_the_label_of_a_body_is_known_beside_many_other_things():
     places = np.concatenate([made.skeleton.rest_positions, made.skeleton.rest_positions + [0, 0.004, -0.01]])
     found = find_bones(Tree(names, parents, places))
     assert {bone: names[joint] for bone, joint in found.items() if bone not in EXTRA} == made.bones
+
+
+CONTROLS = {
+    "UpperArm": "c_arm_fk", "LowerArm": "c_forearm_fk", "Hand": "c_hand_fk",
+    "UpperLeg": "c_thigh_fk", "LowerLeg": "c_leg_fk", "Foot": "c_foot_fk", "Toes": "c_toes_fk",
+}  # fmt: skip
+
+
+def test_controls_beside_the_bones_are_no_bones():
+    """Auto-Rig Pro exports its controls in the places of the bones, a leaf on each finger, and a joint in the palm."""
+    made = body(*every_body()["Auto-Rig Pro"])
+    rest, bones = made.skeleton.rest_positions, {joint: bone for bone, joint in made.bones.items()}
+    listed, last = dict[str, tuple[str, np.ndarray]](), ""
+    for joint, (name, parent) in enumerate(zip(made.skeleton.names, made.skeleton.parents, strict=True)):
+        above, bone = made.skeleton.names[parent] if parent >= 0 else "", bones.get(name, "")
+        if control := CONTROLS.get(bone.removeprefix("left").removeprefix("right")):
+            over = "root.x" if bone.endswith(("UpperArm", "UpperLeg")) else f"{last}.{name[-1]}"
+            listed[f"{control}.{name[-1]}"] = over, rest[joint]
+            last = control
+        elif name.startswith("c_") and name[-3] == "1":
+            if "thumb" not in name:
+                listed[above := f"{name[:-2]}_base{name[-2:]}"] = made.skeleton.names[parent], rest[joint] / 2
+            listed[name] = above, rest[joint]
+            listed[name[2:]] = name, rest[joint]
+        listed.setdefault(name, (above, rest[joint]))
+    names = list(listed)
+    parents = [names.index(above) if above else -1 for above, _ in listed.values()]
+    tree = Tree(names, parents, np.array([place for _, place in listed.values()]))
+    found = {bone: names[joint] for bone, joint in find_bones(tree).items() if bone not in EXTRA}
+    assert len(names) > made.skeleton.joints + 30
+    assert found == made.bones
 
 
 _LEGS = [f"{side}{bone}" for side in ("left", "right") for bone in ("UpperLeg", "LowerLeg", "Foot")]

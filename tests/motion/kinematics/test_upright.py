@@ -9,19 +9,9 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_multiply
-from echoavatar.motion.kinematics.upright import (
-    UNITS,
-    Stand,
-    axes_of,
-    measure,
-    metres_of,
-    of_clip,
-    righted,
-    triples,
-    turned,
-)
+from echoavatar.motion.kinematics.upright import UNITS, Stand, axes_of, measure, metres_of, of_clip, righted, turned
 
 PERSON = swaying(4)
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
@@ -181,7 +171,7 @@ def test_feet_that_point_back_in_the_rest_pose_alone_are_no_mirror() -> None:
     # turned about Y on both sides, the joints below keep their axes
     rotations[:, below, 1] *= -1
     rotations[:, below, 3] *= -1
-    twisted = Motion(Skeleton(config.model_copy(update={"offsets": triples(offsets)})), rotations, PERSON.root, 30.0)
+    twisted = Motion(HUMANOID.with_offsets(offsets), rotations, PERSON.root, 30.0)
     places = PERSON.pose().positions
     np.testing.assert_allclose(twisted.pose().positions[:, below], places[:, below], atol=1e-4)
     stand = of_clip(twisted, config.vrm)

@@ -63,7 +63,7 @@ def _rig_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
     offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
     lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()
     offsets[0, 1] -= lowest_toes - float(HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1])
-    return Skeleton(ours.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist()))}))
+    return ours.with_offsets(offsets)
 
 
 @lru_cache(maxsize=2)

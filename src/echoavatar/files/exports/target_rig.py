@@ -18,9 +18,10 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.bvh import read_standing
 from echoavatar.motion.formats.gltf_data import refusing_damage
-from echoavatar.motion.formats.gltf_file import node_matrix, rotation_of, scale_of
+from echoavatar.motion.formats.gltf_nodes import node_matrix, rotation_of, scale_of
 from echoavatar.motion.formats.gltf_rig import GltfRig, Skinned, read_gltf_rig, skinned
 from echoavatar.motion.formats.kinds import BVH, GLTF, kind_of
+from echoavatar.motion.formats.reading import reading
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
@@ -191,29 +192,26 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
     Raises:
         MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
     """
-    kind = kind_of(path)
-    if kind == GLTF:
-        gltf = read_gltf_rig(path, given)
-        rig = Rig(path, gltf.skeleton, gltf)
-        return replace(rig, skeleton=_standing(path, gltf.skeleton, skinned(gltf) if rig.has_mesh else None))
-    if kind != BVH:
-        raise MotionError(f"{path} is not a rig: convert it to a character (.glb, .vrm) or a skeleton (.bvh)")
-    motion, stand = read_standing(path, given)
-    config = motion.skeleton.config
-    try:
-        bones = bone_map(motion.skeleton)
-    except MotionError as error:
-        raise MotionError(f"{path}: {error}") from error
-    known = config.model_copy(update={"vrm": bones, "feet": config.feet or tuple(feet_of(bones))})
-    return Rig(path, _standing(path, Skeleton(known), None), None, stand)
+    with reading(path):
+        kind = kind_of(path)
+        if kind == GLTF:
+            gltf = read_gltf_rig(path, given)
+            rig = Rig(path, gltf.skeleton, gltf)
+            return replace(rig, skeleton=_standing(gltf.skeleton, skinned(gltf) if rig.has_mesh else None))
+        if kind != BVH:
+            raise MotionError(f"{path} is not a rig: convert it to a character (.glb, .vrm) or a skeleton (.bvh)")
+        motion, stand = read_standing(path, given)
+        config, bones = motion.skeleton.config, bone_map(motion.skeleton)
+        known = config.model_copy(update={"vrm": bones, "feet": config.feet or tuple(feet_of(bones))})
+        return Rig(path, _standing(Skeleton(known), None), None, stand)
 
 
-def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
+def _standing(skeleton: Skeleton, body: Skinned | None) -> Skeleton:
     """The skeleton with its soles at y = 0: those of the mesh of its feet, or else its lowest joint or tip."""
     bones = skeleton.config.vrm
     if not has_rest_pose(skeleton, bones):
         raise MotionError(
-            f"{path}: its rest pose is no body's that stands or sits upright, with its head over its hips and its feet"
+            "its rest pose is no body's that stands or sits upright, with its head over its hips and its feet"
             " below; export it standing"
         )
     plain = plain_rig(skeleton).skeleton if body is None else body.skeleton
@@ -233,7 +231,6 @@ def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
 
 def _on_feet(skeleton: Skeleton, ankles: float) -> Skeleton:
     """The skeleton with its hips above the origin, its lower ankle so far above the floor (metres)."""
-    bones, config = skeleton.config.vrm, skeleton.config
-    rest = skeleton.rest_positions[:, 1].astype(np.float64)
+    bones, rest = skeleton.config.vrm, skeleton.rest_positions[:, 1].astype(np.float64)
     root = rest[0] - rest[[bones["leftFoot"], bones["rightFoot"]]].min() + ankles
-    return Skeleton(config.model_copy(update={"offsets": ((0.0, float(root), 0.0), *config.offsets[1:])}))
+    return skeleton.with_offsets([(0.0, root, 0.0), *skeleton.config.offsets[1:]])

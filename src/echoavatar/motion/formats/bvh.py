@@ -8,7 +8,6 @@ data, or beside the targets of IK from Unreal), the root is merged into it. Else
 mean length is used.
 """
 
-import logging
 import re
 from array import array
 from collections.abc import Sequence
@@ -20,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import (
@@ -38,14 +36,17 @@ from echoavatar.limits import (
 
 from ..kinematics.motion import Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
-from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
-from ..kinematics.skeleton import Skeleton, SkeletonConfig, numbered
-from ..kinematics.upright import Stand, of_clip, placed, righted, triples
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply, unit
+from ..kinematics.skeleton import Skeleton, SkeletonConfig, numbered, triples
+from ..kinematics.upright import Stand, of_clip, placed, righted
+from .reading import reading
 
-_log = logging.getLogger(__name__)
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
+_ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"))
+_STANDING = (("hips", "head"), ("leftUpperLeg", "leftFoot"), ("rightUpperLeg", "rightFoot"))
+_ALONG, _MOVING = 0.5, 0.05  # cosine of ways that go along each other; radians: of somebody who moves
 _ASSUMED_HZ = 30.0
 _LONGEST_S = 2.0  # between frames; a longer time would be milliseconds
 _WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
@@ -89,17 +90,21 @@ def read_standing(
     path: Path, given: JointMap | None = None, metres_per_unit: float | None = None
 ) -> tuple[Motion, Stand]:
     """As `read_bvh`; and how the figure stands in the file."""
-    notes: list[str] = []
-    text = _text(path, notes)
-    try:
-        joints, at = _joints(text)
-        frames, fps = _frames(text, at, sum(len(joint.channels) for joint in joints), notes)
+    with reading(path) as notes:
+        text = _text(path, notes)
+        try:
+            joints, at = _joints(text)
+            frames, fps = _frames(text, at, sum(len(joint.channels) for joint in joints), notes)
+        except _TextError as error:
+            place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
+            raise MotionError(f"{path}{place}: {error}") from None
         most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
         if len(frames) * len(joints) > most:
-            raise _TextError(
+            raise MotionError(
                 f"{len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
             )
-        motion = _assemble(_body(joints, notes), frames, fps, notes)
+        joints = _body(joints, notes)
+        motion = _assemble(joints, _in_degrees(joints, frames, notes), fps, notes)
         if given is not None:
             motion = replace(motion, skeleton=with_bones(motion.skeleton, given))
         bones = known_bones(motion.skeleton)
@@ -107,15 +112,6 @@ def read_standing(
         notes += [] if metres_per_unit else stand.notes()
         motion = righted(motion, stand)
         motion = motion if metres_per_unit else placed(motion, bones, notes)
-    except _TextError as error:
-        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
-        raise MotionError(f"{path}{place}: {error}") from None
-    except ValidationError as error:
-        raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
-    except MotionError as error:
-        raise MotionError(f"{path}: {error}") from error
-    if notes:
-        _log.warning("%s: %s", path, "; ".join(notes))
     return motion, stand
 
 
@@ -308,9 +304,6 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
             is_beside = True
         rotations[:, j] = rotation
         places.append(place)
-    turns = [joint.column + k for joint in joints for k, (kind, _) in enumerate(joint.channels) if kind == "rotation"]
-    if 1 < np.abs(frames[:, turns]).max(initial=0) <= np.pi + 1e-5:
-        notes.append("no angle is above 3.14 degrees; if they are radians, write degrees")
     if is_beside:
         notes.append("positions of joints are added to their OFFSET")
     if any(kind == "scale" for joint in joints for kind, _ in joint.channels):
@@ -327,6 +320,25 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
     for joint, place in zip(joints[1:], places[1:], strict=True):
         joint.offset = place.mean(0).tolist()
     return Motion(_skeleton(joints), np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
+
+
+def _in_degrees(joints: list[_Joint], frames: _Frames, notes: list[str]) -> _Frames:
+    """The frames; angles are radians if in degrees nobody would leave T-pose, and in radians the body stands."""
+    turns = [joint.column + k for joint in joints for k, (kind, _) in enumerate(joint.channels) if kind == "rotation"]
+    angles = frames[:, turns]
+    if not 1 < np.abs(angles).max(initial=0) <= 2 * np.pi + 1e-5:
+        return frames
+    turned = frames.copy()
+    turned[:, turns] = np.degrees(angles)
+    motion = _assemble([replace(joint) for joint in joints], turned, _ASSUMED_HZ, [])
+    bones, poses = known_bones(motion.skeleton), np.stack([motion.skeleton.rest_positions, *motion.pose().positions])
+    if all(bone in bones for way in (*_ARMS, *_STANDING) for bone in way) and np.ptp(angles, axis=0).max() > _MOVING:
+        arms, stands = ([unit(poses[:, bones[b]] - poses[:, bones[a]]) for a, b in ways] for ways in (_ARMS, _STANDING))
+        if min(arms[0][0] @ arms[1][0], *((way[1:] @ way[0]).mean() for way in stands)) > _ALONG:
+            notes.append("its angles are taken for radians")
+            return turned
+    notes.append("no angle is above 6.28 degrees; if they are radians, write degrees")
+    return frames
 
 
 def _skeleton(joints: list[_Joint]) -> Skeleton:

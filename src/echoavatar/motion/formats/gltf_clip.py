@@ -4,7 +4,6 @@ Keys are sampled at the rate at which most of them come. A bone's rotation is th
 the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
 """
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,14 +22,15 @@ from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matri
 from ..kinematics.skeleton import numbered
 from ..kinematics.upright import placed
 from .gltf_data import refusing_damage
-from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
+from .gltf_nodes import Array, above, node_matrix, rotation_of, scale_of, unscaled
 from .gltf_rig import GltfRig, read_gltf_rig
+from .reading import reading
 
-_log = logging.getLogger(__name__)
 _RATES = (1.0, 240.0)  # keys per second that count as a frame rate
 _EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 _APART_S = 0.9  # keys that come more slowly may be counted in frames
+_MS, _MANY = 8.0, 8  # so far apart, and so many, they are counted in milliseconds
 _STILL = 1e-5  # keys that differ by less do not move
 _Track = tuple[Float[Array, " k"], Float[Array, "k n c"], str]
 _Targets = dict[tuple[int, str], int]  # the sampler of each node and property
@@ -46,18 +46,20 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
     rig = read_gltf_rig(path, given)
-    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):  # `Motion` looks for what is not finite
+    # `Motion` looks for what is not finite
+    with reading(path) as notes, refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):
         entries = rig.document.get("animations", [])
         known = numbered(str(entry.get("name", k)) for k, entry in enumerate(entries))
-        if not known or (animation is not None and animation not in known):
-            named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
-            raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
+        if not known:
+            raise MotionError("it has no animation; choose another file")
+        if animation is not None and animation not in known:
+            raise MotionError(f"it has no animation named {animation!r}; it has {', '.join(known)}")
         needed = {*rig.order, *above(rig.parents, rig.order[0])}
         targets = [_targets(entry, needed) for entry in entries]
         chosen = [known.index(animation)] if animation is not None else _chosen(rig, entries, targets)
         if animation is None and len(known) > 1:
             read = f"{known[chosen[0]]!r} is read" if len(chosen) == 1 else f"{len(chosen)} of other bones each are one"
-            _log.warning("%s has %d animations (%s); %s", path, len(known), ", ".join(known), read)
+            notes.append(f"it has {len(known)} animations ({', '.join(known)}); {read}")
         tracks = {
             target: _keys(rig, entries[k]["samplers"][sampler], _PATHS[target[1]])
             for k in chosen
@@ -67,10 +69,10 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         if "expressions" in vrma or any(
             at["target"]["path"] == "weights" for k in chosen for at in entries[k]["channels"]
         ):
-            _log.warning("%s: its body is read, and its face is left out; a recording (.npz) keeps both", path)
+            notes.append("its body is read, and its face is left out; a recording (.npz) keeps both")
         if not tracks:
-            raise MotionError(f"{path}: its animation {known[chosen[0]]!r} moves no bone; choose another")
-        return _sampled(rig, tracks, needed)
+            raise MotionError(f"its animation {known[chosen[0]]!r} moves no bone; choose another")
+        return _sampled(rig, tracks, needed, notes)
 
 
 def _chosen(rig: GltfRig, entries: list[dict[str, Any]], targets: list[_Targets]) -> list[int]:
@@ -97,19 +99,24 @@ def _targets(entry: dict[str, Any], nodes: set[int]) -> _Targets:
     return {(at["node"], at["path"]): k for at, k in channels if at.get("node") in nodes and at["path"] in _PATHS}
 
 
-def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[int]) -> Motion:
+def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[int], notes: list[str]) -> Motion:
+    """The motion of all frames, in our axes; `notes` are told."""
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
     steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps
-    step, notes = float(steps.mean()) if steps.size else 1 / FRAME_RATE_HZ, list[str]()
-    if step > _APART_S:
+    step = float(steps.mean()) if steps.size else 1 / FRAME_RATE_HZ
+    is_ms = step > _MS and steps.size > _MANY * len(tracks)
+    per_second = 1000.0 if is_ms else 1.0
+    if is_ms:
+        notes.append("the times of its keys are taken for milliseconds")
+    elif step > _APART_S:
         notes.append(f"its keys are {step:.3g} s apart; if their times are frames or milliseconds, write seconds")
-    fps = usual_rate(1 / step)
+    fps = usual_rate(per_second / step)
     fps = fps if _RATES[0] <= fps <= _RATES[1] else float(FRAME_RATE_HZ)
-    frames = int((last - first) * fps + 1e-3) + 1
+    frames = int((last - first) * fps / per_second + 1e-3) + 1
     if frames * len(needed) > ROTATIONS:
-        raise MotionError(f"{rig.path}: {frames:,} frames of {len(needed)} bones are more than is read; cut it")
-    times = first + np.arange(frames) / fps
+        raise MotionError(f"{frames:,} frames of {len(needed)} bones are more than is read; cut it")
+    times = first + np.arange(frames) * per_second / fps
     nodes = rig.document["nodes"]
     root = next(node for node, parent in rig.parents.items() if parent < 0)
     outside = rig.matrices[root] @ np.linalg.inv(node_matrix(nodes[root]))  # from the world to the hips' space
@@ -125,12 +132,7 @@ def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[in
     places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T
     rotations = quaternion_from_matrix(local).astype(np.float32)
     motion = Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
-    try:
-        motion = placed(motion, rig.skeleton.config.vrm, notes)
-    except MotionError as error:
-        raise MotionError(f"{rig.path}: {error}") from error
-    if notes:
-        _log.warning("%s: %s", rig.path, "; ".join(notes))
+    motion = placed(motion, rig.skeleton.config.vrm, notes)
     return replace(motion, root=(motion.root - rig.place(rig.order[0]) * [1, 0, 1]).astype(np.float32))
 
 

@@ -7,7 +7,6 @@ facing +Z, its hips above the origin. That pose is the one in which the mesh was
 so, because the nodes may stand in the middle of an animation; or else the nodes' own.
 """
 
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -25,14 +24,14 @@ from ..kinematics.alignment import has_rest_pose
 from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
-from ..kinematics.skeleton import numbered
-from ..kinematics.upright import MIRRORED, axes_of, height, metres_of, triples
+from ..kinematics.skeleton import numbered, summed, triples
+from ..kinematics.upright import MIRRORED, axes_of, height, metres_of
 from .gltf_data import Gltf, read_chunks, refusing_damage
-from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
+from .gltf_nodes import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
+from .reading import reading
 
 Array = np.ndarray
 _SAME = 0.02  # radians, about: as far apart two poses are one
-_log = logging.getLogger(__name__)
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
 _RIGID = 6  # bones that have a part of their own, where nothing is skinned
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
@@ -63,46 +62,43 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
-    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # looked for below
-        return _read(path, given)
+    # what is not finite is looked for below
+    with reading(path) as notes, refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        return _read(path, given, notes)
 
 
-def _read(path: Path, given: JointMap | None) -> GltfRig:
+def _read(path: Path, given: JointMap | None, notes: list[str]) -> GltfRig:
     file = read_chunks(path)
     document = file.document
     # some programs write -1 for what is not there
     document["nodes"] = [{k: v for k, v in node.items() if v != -1} for node in document["nodes"]]
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
-    order, bones, names = _rig(file, parents, worlds, given)
+    order, bones, names = _rig(file, parents, worlds, given, notes)
     spaces = [*(worlds[node] for node in above(parents, order[0])), np.eye(4)]
     try:
         matrices = np.linalg.inv(spaces[0]) @ worlds
     except np.linalg.LinAlgError as error:
-        raise MotionError(f"{path}: a node above its hips is scaled to nothing; scale it") from error
+        raise MotionError("a node above its hips is scaled to nothing; scale it") from error
     if not np.isfinite(matrices).all():
         raise ValueError("nodes in places that are not finite")
     slot = {node: index for index, node in enumerate(order)}
     layout = _Layout(matrices[order], [-1, *(slot[parents[node]] for node in order[1:])], bones)
     if uneven := layout.uneven():
         raise MotionError(
-            f"{path}: {names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
+            f"{names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
             " be sheared when it moves; apply its scale and export it again"
         )
     bound = list(islice(_bound(file, order, layout), 1))
     axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
     scale = float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
-    try:
-        turn = layout.axes(layout.stands, [*axes, *(made for _, made in bound)])
-        poses = [
-            layout.axes(frames, layout.nearest([made, *axes], frames)) @ frames
-            for frames, made in bound
-            if np.abs(frames - layout.stands).max() > _SAME
-        ]
-    except MotionError as error:
-        raise MotionError(f"{path}: {error}") from error
-    if np.linalg.det(turn) < 0:
-        _log.warning("%s: %s", path, MIRRORED)
+    turn = layout.axes(layout.stands, [*axes, *(made for _, made in bound)])
+    poses = [
+        layout.axes(frames, layout.nearest([made, *axes], frames)) @ frames
+        for frames, made in bound
+        if np.abs(frames - layout.stands).max() > _SAME
+    ]
+    notes += [MIRRORED] if np.linalg.det(turn) < 0 else []
     unit = metres_of(height(bones, matrices[order, :3, 3]), scale)
     for frames in [*poses, turn @ layout.stands]:
         offsets = unit * layout.steps(frames)
@@ -134,9 +130,7 @@ class _Layout:
 
     def places(self, frames: Float[Array, "j 3 3"]) -> dict[str, Float[Array, "3"]]:
         """Where the bones would be from the hips."""
-        places = self.steps(frames)
-        for joint, parent in enumerate(self.parents[1:], start=1):
-            places[joint] += places[parent]
+        places = summed(self.steps(frames), self.parents)
         return {bone: places[joint] for bone, joint in self.bones.items()}
 
     def axes(self, frames: Float[Array, "j 3 3"], spaces: list[Float[Array, "3 3"]]) -> Float[Array, "3 3"]:
@@ -189,10 +183,10 @@ def _bound(file: Gltf, order: list[int], layout: _Layout) -> Iterator[tuple[Arra
 
 
 def _rig(
-    file: Gltf, parents: dict[int, int], worlds: Float[Array, "n 4 4"], given: JointMap | None
+    file: Gltf, parents: dict[int, int], worlds: Float[Array, "n 4 4"], given: JointMap | None, notes: list[str]
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
-    path, document = file.path, file.document
+    document = file.document
     skins, mapped = document.get("skins", []), _humanoid(document)
     if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
@@ -201,33 +195,23 @@ def _rig(
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    written = (str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes)
-    names = dict(zip(nodes, numbered(written), strict=True))
-    trees: list[list[int]] = [nodes]
-    if not mapped and not given:  # of several characters, the largest
-        tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
-        parts = {top: [node for node in nodes if tops[node] == top] for top in joints & set(tops.values())}
-        trees = [*sorted(parts.values(), key=lambda part: (-len(part), part)), nodes]
-    found = list[dict[str, int]]()
-    for listed in trees:
-        if listed is nodes and found:
-            break
-        slot = {node: index for index, node in enumerate(listed)}
-        over = [slot.get(parents[node], -1) for node in listed]
-        is_mirrored = np.median(np.linalg.det(worlds[listed, :3, :3])) < 0  # by a node above
-        tree = Tree([names[node] for node in listed], over, worlds[listed, :3, 3] * [-1 if is_mirrored else 1, 1, 1])
-        bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
-        if all(bone in bones for bone in REQUIRED) or listed is nodes:
-            check_bones(tree.names, bones, f"{path}: the rig")
-            found.append({bone: listed[joint] for bone, joint in bones.items()})
-    known = found[0]
-    if len({bones["hips"] for bones in found}) > 1:
-        _log.warning("%s holds several characters; the one with the hips %r is read", path, names[known["hips"]])
-    order = [node for node in nodes if known["hips"] in (node, *above(parents, node))]
-    slot = {node: index for index, node in enumerate(order)}
-    if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
-        raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
-    return order, {bone: slot[node] for bone, node in known.items() if node in slot}, tuple(names[n] for n in order)
+    names = numbered(str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes)
+    slot = {node: index for index, node in enumerate(nodes)}
+    is_mirrored = np.median(np.linalg.det(worlds[nodes, :3, :3])) < 0  # by a node above
+    places = worlds[nodes, :3, 3] * [-1 if is_mirrored else 1, 1, 1]
+    tree = Tree(names, [slot.get(parents[node], -1) for node in nodes], places)
+    bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
+    check_bones(names, bones)
+    hips = bones["hips"]
+    own = {joint: index for index, joint in enumerate(sorted(tree.below(hips)))}
+    if apart := [bone for bone in REQUIRED if bones[bone] not in own]:
+        raise MotionError(f"its {apart[0]} does not hang from its hips; check the nodes' children")
+    taken = {*own, *tree.above(hips)}
+    others = [joint for joint in range(len(nodes)) if joint not in taken]
+    if others and not (mapped or given) and find_bones(tree.only(others)).keys() >= set(REQUIRED):
+        notes.append(f"it holds several characters; the one with the hips {names[hips]!r} is read")
+    found = {bone: own[joint] for bone, joint in bones.items() if joint in own}
+    return [nodes[joint] for joint in own], found, tuple(names[joint] for joint in own)
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:

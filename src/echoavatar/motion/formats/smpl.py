@@ -8,7 +8,6 @@ parts (`global_orient`, `body_pose`, ...; AMASS: `root_orient`, `pose_body`, ...
 metres. Matrices (t, j, 3, 3) are read as well. Hand poses are absolute, as MoSh writes them: no mean hand is added.
 """
 
-import logging
 import math
 import re
 from collections.abc import Collection, Mapping
@@ -25,8 +24,8 @@ from ..kinematics.named_bones import finger_bones
 from ..kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, quaternion_from_matrix
 from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
 from ..kinematics.upright import of_clip, placed, righted
+from .reading import reading
 
-_log = logging.getLogger(__name__)
 _Layout = Mapping[int, Collection[int]]  # the joints of the rig that an array has, by their count
 _BODY_LAYOUT: _Layout = dict.fromkeys((21, 23), range(1, 22))  # SMPL has two more, which rest
 _WHOLE: _Layout = {24: range(22), 22: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}
@@ -95,48 +94,43 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
-    notes = list[str]()
-    poses, place = _poses(path, stored, notes), next((name for name in _PLACES if name in stored), "")
-    found, scale = stored[place] if place else np.zeros(3), stored.get("smpl_scaling", np.ones(1))  # of AIST++
-    if found.size not in (3, 3 * len(poses)) or found.shape[-1:] != (3,):
-        raise MotionError(f"{path}: {len(poses)} poses and trans {found.shape}; give a place (t, 3) for each pose")
-    trans = np.broadcast_to(np.asarray(found, np.float64).reshape(-1, 3) / scale, (len(poses), 3))
-    if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
-        bad = int(np.flatnonzero(~(np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)))[0])
-        raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
-    if np.median(np.abs(poses).max((1, 2))) > 2 * np.pi:
-        poses = np.radians(poses)
-        notes.append("its angles are taken for degrees")
-    rates = [rate for name in stored if _RATE.search(name) and (rate := np.unique(stored[name])).size == 1]
-    fps = float(rates[0][0]) if rates else _ASSUMED_HZ
-    notes += [] if rates else [f"it has no frame rate, and {fps:g} frames per second are assumed"]
-    if not 0 < fps < 1000:
-        raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
-    rig = rig or skeleton()
-    rotations = quaternion_from_axis_angle(poses).astype(np.float32)
-    motion = Motion(rig, rotations, trans.astype(np.float32), fps)
-    stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
-    try:
+    with reading(path) as notes:
+        most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # what its file has room for
+        poses, place = _poses(stored, most, notes), next((name for name in _PLACES if name in stored), "")
+        found, scale = stored[place] if place else np.zeros(3), stored.get("smpl_scaling", np.ones(1))  # of AIST++
+        if found.size not in (3, 3 * len(poses)) or found.shape[-1:] != (3,):
+            raise MotionError(f"{len(poses)} poses and trans {found.shape}; give a place (t, 3) for each pose")
+        trans = np.broadcast_to(np.asarray(found, np.float64).reshape(-1, 3) / scale, (len(poses), 3))
+        is_finite = np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)
+        if not is_finite.all():
+            raise MotionError(f"{path}, frame {np.argmin(is_finite)}: values that are not finite; repair it")
+        if np.median(np.abs(poses).max((1, 2))) > 2 * np.pi:
+            poses = np.radians(poses)
+            notes.append("its angles are taken for degrees")
+        rates = [rate for name in stored if _RATE.search(name) and (rate := np.unique(stored[name])).size == 1]
+        fps = float(rates[0][0]) if rates else _ASSUMED_HZ
+        notes += [] if rates else [f"it has no frame rate, and {fps:g} frames per second are assumed"]
+        if not 0 < fps < 1000:
+            raise MotionError(f"it says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
+        rig = rig or skeleton()
+        rotations = quaternion_from_axis_angle(poses).astype(np.float32)
+        motion = Motion(rig, rotations, trans.astype(np.float32), fps)
+        stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
         motion = placed(righted(motion, stand), rig.config.vrm, notes)
-    except MotionError as error:
-        raise MotionError(f"{path}: {error}") from error
-    spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
-    if spine[1] < _UPRIGHT:
-        raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
-    notes += stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if not place else [])
-    if notes:
-        _log.warning("%s: %s", path, "; ".join(notes))
+        spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
+        if spine[1] < _UPRIGHT:
+            raise MotionError(f"the body does not stand (mean spine {spine.tolist()}); turn it upright")
+        notes += stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if not place else [])
     return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0], fps))
 
 
-def _turns(path: Path, name: str, array: np.ndarray, layout: _Layout) -> Float[np.ndarray, "t j 3"]:
+def _turns(name: str, array: np.ndarray, layout: _Layout, most: int) -> Float[np.ndarray, "t j 3"]:
     """The axis angles of the joints of an array, from axis angles or matrices; raises MotionError for others.
 
-    They may be flat or not; there may be a single frame, or an axis for a single body.
+    They may be flat or not; there may be a single frame, or an axis for a single body. At most `most` are read.
     """
-    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # what its file has room for
     if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
-        raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
+        raise MotionError(f"an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
     widths = {width * count: width for count in layout for width in (3, 9)}
     fewest = 2 if array.ndim > 2 and array.shape[-2:] == (3, 3) else 1
     for axes in range(fewest, 4):  # that make a frame
@@ -146,15 +140,15 @@ def _turns(path: Path, name: str, array: np.ndarray, layout: _Layout) -> Float[n
             matrices = turns.reshape(len(turns), -1, 3, 3) if widths[size] == 9 else None
             return turns if matrices is None else axis_angle_from_quaternion(quaternion_from_matrix(matrices))
     flat = ", ".join(f"(t, {3 * count})" for count in layout)
-    raise MotionError(f"{path}: {name} {array.shape}; SMPL has {flat} of axis angles, or matrices; convert it")
+    raise MotionError(f"{name} {array.shape}; SMPL has {flat} of axis angles, or matrices; convert it")
 
 
-def _poses(path: Path, stored: Mapping[str, np.ndarray], notes: list[str]) -> Float[np.ndarray, "t 55 3"]:
+def _poses(stored: Mapping[str, np.ndarray], most: int, notes: list[str]) -> Float[np.ndarray, "t 55 3"]:
     names = [name for name in _LAYOUTS if name in stored]
     found = dict[str, Float[np.ndarray, "t j 3"]]()
     for name in names[:1] if _LAYOUTS[names[0]] is _WHOLE else names:
         try:
-            found[name] = _turns(path, name, stored[name], _LAYOUTS[name])
+            found[name] = _turns(name, stored[name], _LAYOUTS[name], most)
         except MotionError:
             if "hand" not in name:
                 raise
@@ -162,7 +156,7 @@ def _poses(path: Path, stored: Mapping[str, np.ndarray], notes: list[str]) -> Fl
     whole = np.zeros((max(map(len, found.values())), 55, 3))
     for name, turns in found.items():
         if len(turns) not in (1, len(whole)):
-            raise MotionError(f"{path}: {name} has {len(turns)} frames of {len(whole)}; give as many of each")
+            raise MotionError(f"{name} has {len(turns)} frames of {len(whole)}; give as many of each")
         joints = list(_LAYOUTS[name][turns.shape[1]])
         whole[:, joints] = turns[:, : len(joints)]
     return whole

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,7 @@ REQUIRED = ("hips", "head") + tuple(
     f"{side}{bone}" for side in SIDES for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
 )
 UPRIGHT = 0.7  # cosine; the head goes up from the neck, a jaw or the brim of a hat does not
+MOST = 12  # joints of an arm that are looked at
 END = 0.09  # of the height where the arms meet: the end of a head is farther from it, a head is nearer to the neck
 
 
@@ -92,6 +94,15 @@ class Tree:
         at = {joint: k for k, joint in enumerate(joints)}
         above = [next((at[one] for one in self.above(joint)[1:] if one in at), -1) for joint in joints]
         return Tree([self.names[joint] for joint in joints], above, self.places[list(joints)])
+
+    def evenest(self, line: Sequence[int], end: int) -> tuple[int, ...]:
+        """The two joints of a line that make the most of two equal bones up to its end; none of fewer than two."""
+
+        def evenness(pair: tuple[int, ...]) -> float:
+            upper, lower = np.linalg.norm(np.diff(self.places[[*pair, end]], axis=0), axis=1)
+            return float(min(upper, lower) - abs(upper - lower) / 10)
+
+        return max(combinations(line[:MOST], 2), key=evenness, default=())
 
     def between(self, top: int, joint: int) -> list[int]:
         """The joints on the way from `top` to `joint`, both left out."""

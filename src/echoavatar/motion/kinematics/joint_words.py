@@ -20,13 +20,15 @@ CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
 LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
-START_WORDS, START_SHARE = 4, 0.65  # any word does that more of all names begin with; fingers are not as many
+START_WORDS, END_WORDS = 5, 2  # of a label in front of all names, and of one behind them
+START_SHARE = 0.65  # any word is one that more of all names begin or end with; fingers are not as many
 _PARTS = TABLES["joints"]
 _KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side, words in TABLES[kind].items()]
 _KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
 _WORDS = {word: kind for kind, words in _KINDS for word in words.split()}
 _LONGEST = max(map(len, _WORDS))
-_START = re.compile(r"[^\W_]+[\W_]+(?=\w)")
+_START, _END = re.compile(r"^[^\W_]+[\W_]+(?=\w)"), re.compile(r"(?<=\w)[\W_]+[^\W_]+[\W_]*$")
+_LABELS = (*START_WORDS * (_START,), *END_WORDS * (_END,))
 
 
 class Said(NamedTuple):
@@ -61,15 +63,19 @@ def read_names(names: Sequence[str]) -> list[Said]:
 
 
 def _without_label(names: Sequence[str]) -> Sequence[str]:
-    """The names without the few words that nearly all begin with, whatever these say: `HeadGirl_Hips`."""
-    for _ in range(START_WORDS):
-        starts = Counter(start[0] for name in names if (start := _START.match(name)))
-        label, count = max(starts.items(), key=lambda found: found[1], default=("", 0))
-        behind = {word for name in names if name.startswith(label) for word in read_name(name[len(label) :]).plain}
-        is_whole = {"head", "foot"} <= {_WORDS.get(word, "").replace("ankle", "foot") for word in behind}
-        if not label or read_name(label).is_helper or not (is_whole or count > START_SHARE * len(names)):
-            break
-        names = [name.removeprefix(label) for name in names]
+    """The names without the few words that nearly all begin or end with, whatever these say: `HeadGirl_Hips`."""
+    for pattern in _LABELS:
+        labels = Counter(found[0] for name in names if (found := pattern.search(name)))
+        label, count = max(labels.items(), key=lambda found: found[1], default=("", 0))
+        plain = [name.removeprefix(label) if pattern is _START else name.removesuffix(label) for name in names]
+        beside = {
+            word for name, left in zip(names, plain, strict=True) if name != left for word in read_name(left).plain
+        }
+        is_whole = {"head", "foot"} <= {_WORDS.get(word, "").replace("ankle", "foot") for word in beside}
+        said = read_name(label)
+        is_label = label and not said.is_helper and not (said.side and pattern is _END)
+        if is_label and (is_whole or count > START_SHARE * len(names)):
+            names = plain
     return names
 
 

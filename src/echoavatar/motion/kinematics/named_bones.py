@@ -6,7 +6,6 @@ with the order thigh, shin, foot. Hips are where legs, arms and head meet; spine
 """
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -19,7 +18,7 @@ _OPTIONAL = ("Shoulder", "Toes")
 _MEANS = {  # how well a word names each bone of a limb
     "hips": {"UpperLeg": 2.0},
     "thigh": {"UpperLeg": 3.0},
-    "leg": {"UpperLeg": 1.5, "LowerLeg": 1.5, "Foot": 0.75},
+    "leg": {"UpperLeg": 1.5, "LowerLeg": 1.5, "Foot": 0.75, "Toes": 0.5},
     "knee": {"LowerLeg": 3.0},
     "foot": {"Foot": 2.5, "Toes": 1.0},
     "ankle": {"Foot": 3.0},
@@ -118,15 +117,11 @@ def _evened(tree: Tree, arm: dict[str, int]) -> dict[str, int]:
         said = tree.said[joint]
         return said.side, *(word for word in said.plain if not word.isdecimal())
 
-    def evenness(pair: tuple[int, ...]) -> float:
-        upper, lower = np.linalg.norm(np.diff(tree.places[[*pair, arm["Hand"]]], axis=0), axis=1)
-        return float(min(upper, lower) - abs(upper - lower) / 10)
-
     above = tree.above(arm["Hand"])[:0:-1] if {"UpperArm", "LowerArm", "Hand"} <= {*arm} else []
     line = [joint for joint in above if name(joint) == name(arm["UpperArm"])]
     if len(line) < 3 or arm["LowerArm"] not in line:
         return arm
-    upper, lower = max(combinations(line, 2), key=evenness)
+    upper, lower = tree.evenest(line, arm["Hand"])
     return ({"Shoulder": line[0]} if upper != line[0] else {}) | arm | {"UpperArm": upper, "LowerArm": lower}
 
 
@@ -160,21 +155,19 @@ def _fingers(tree: Tree, hand: int, side: str) -> dict[str, int]:
     found: dict[str, int] = {}
     for digit, names in finger_bones(side).items():
         chain = chains[digit.lower()]
-        if digit != "Thumb":  # 0 before 1, 2, 3 lies in the palm as well
-            chain = [
-                j for j in chain if not (tree.said[j].is_metacarpal or (len(chain) > 3 and tree.said[j].number == 0))
-            ]
+        if digit != "Thumb":
+            chain = [joint for joint in chain if not tree.said[joint].is_metacarpal]
+            numbers = [tree.said[joint].number for joint in chain[:2]]
+            if len(chain) > 3 and (numbers[0] == 0 or numbers[0] == numbers[1] > 0):
+                del chain[0]  # 0, or another 1, before 1, 2, 3 lies in the palm as well
         found |= dict(zip(names, chain, strict=False))
     return found
 
 
 def _chain(tree: Tree, joints: Sequence[int]) -> list[int]:
-    """Joints that hang from each other, from the first on."""
-    chain: list[int] = []
-    for joint in joints:
-        if not chain or chain[-1] in tree.above(joint):
-            chain.append(joint)
-    return chain
+    """The longest line of these joints that hang from each other."""
+    listed = set(joints)
+    return max(([one for one in tree.above(joint)[::-1] if one in listed] for joint in joints), key=len, default=[])
 
 
 def _face(tree: Tree, head: int) -> dict[str, int]:

@@ -112,11 +112,7 @@ def plain_rig(skeleton: Skeleton) -> PlainRig:
         for parent, offset in zip(skeleton.parents, skeleton.offsets.astype(np.float64), strict=True)
     ]
     tips = {name: turns[skeleton.index(name)].T @ np.array(tip) for name, tip in config.tips.items()}
-    update = {
-        "offsets": tuple(tuple(offset.tolist()) for offset in offsets),
-        "tips": {name: tuple(tip.tolist()) for name, tip in tips.items()},
-    }
-    return PlainRig(Skeleton(config.model_copy(update=update)), np.stack(turns))
+    return PlainRig(skeleton.with_offsets(offsets, tips), np.stack(turns))
 
 
 def with_wrists(motion: Motion) -> Motion:

@@ -14,7 +14,7 @@ from echoavatar.errors import MotionError
 from .joint_tree import REQUIRED, SIDES, Tree
 from .named_bones import named_bones
 from .shaped_bones import shaped_bones
-from .skeleton import HUMANOID, Skeleton, other_side
+from .skeleton import HUMANOID, Skeleton, other_side, summed
 
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
 CHANCE = 4  # fewer names than these may be words of another language that look like ours
@@ -100,7 +100,7 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
     return {bone: joint for bone, joint in shaped.items() if joint not in named.values()} | named
 
 
-def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:
+def check_bones(names: Sequence[str], found: Mapping[str, int]) -> None:
     """Raise where bones that motion needs are missing.
 
     Raises UnknownRigError: says what was found, what is missing, and the remedy.
@@ -111,7 +111,7 @@ def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the 
     known = [f"{bone} ({names[found[bone]]})" for bone in REQUIRED if bone in found]
     left = [name for joint, name in enumerate(names) if joint not in found.values()]
     raise UnknownRigError(
-        f"{rig} is not known: no joint is {_some(missing, 6)}; found: {_some(known, 3) or 'nothing'}; not placed:"
+        f"the rig is not known: no joint is {_some(missing, 6)}; found: {_some(known, 3) or 'nothing'}; not placed:"
         f" {_some(left, 6) or 'nothing'}. Say which joint is which with --map FILE; `echoavatar rig RIG --template -o"
         " FILE` begins that file",
         {bone: names[joint] for bone, joint in found.items()},
@@ -132,11 +132,7 @@ def _read(
 
 
 def _tree(names: Sequence[str], parents: Sequence[int], offsets: Sequence[tuple[float, float, float]]) -> Tree:
-    places = np.array(offsets, np.float64)
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            places[joint] += places[parent]
-    return Tree(names, parents, places)
+    return Tree(names, parents, summed(np.array(offsets, np.float64), parents))
 
 
 def feet_of(bones: Mapping[str, int]) -> list[int]:

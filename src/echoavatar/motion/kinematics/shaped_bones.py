@@ -23,7 +23,6 @@ SIDEWAYS = 0.08  # of the height: arms go farther from the middle
 COLLAR = 0.85  # of the next bone: a shoulder is shorter, an upper arm is not
 KNUCKLE = 0.45  # of the way from wrist to the second joint of a finger: a metacarpal begins nearer
 THUMB = 0.75  # of the usual way from wrist to finger: a thumb begins nearer
-MOST = 12  # joints of an arm that are looked at
 FEET, KNEES = 0.05, 0.01  # of the height, both together: less says nothing about the front
 
 
@@ -140,14 +139,8 @@ class _Body:
         hand = next((joint for joint in line[2:] if len(self._digits(joint)) > 2), -1)
         shoulder = line[:1] if len(line) > 3 and self._long(*line[:2]) < COLLAR * self._long(*line[1:3]) else []
         line = line[len(shoulder) : line.index(hand) + 1 if hand >= 0 else len(shoulder) + 3]
-        arms = [(*pair, line[-1]) for pair in combinations(line[:-1][:MOST], 2)]
-        arm = max(arms, key=self._even, default=())
-        return [*arm, *([way] if arm and arm[0] != way else [])]
-
-    def _even(self, arm: tuple[int, ...]) -> float:
-        """How long and equal upper and lower arm are; to twist joints within them they are not."""
-        upper, lower = self._long(*arm[:2]), self._long(*arm[1:])
-        return min(upper, lower) - abs(upper - lower) / 10
+        arm = tree.evenest(line[:-1], line[-1])  # twist joints are nearer to each other
+        return [*arm, line[-1], *([way] if arm[0] != way else [])] if arm else []
 
     def _ways(self, joint: int) -> list[int]:
         return [child for child in self.tree.children[joint] if not self.tree.said[child].is_helper]

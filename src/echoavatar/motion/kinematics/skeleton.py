@@ -6,10 +6,10 @@ The paper's motion tokenizer splits the body into three anatomical parts: lower 
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -122,10 +122,16 @@ class Skeleton:
     @cached_property
     def rest_positions(self) -> Float[np.ndarray, "j 3"]:
         """World position of each joint in the rest pose, metres."""
-        positions = self.offsets.copy()
-        for joint, parent in enumerate(self.parents[1:], start=1):
-            positions[joint] += positions[parent]
-        return positions
+        return summed(self.offsets, self.parents)
+
+    def with_offsets(
+        self, offsets: Iterable[Iterable[float]], tips: Mapping[str, Iterable[float]] | None = None
+    ) -> "Skeleton":
+        """The same joints at other rest offsets and, if they are given, with other tips (metres)."""
+        update: dict[str, Any] = {"offsets": triples(offsets)}
+        if tips is not None:
+            update["tips"] = dict(zip(tips, triples(tips.values()), strict=True))
+        return Skeleton(self.config.model_copy(update=update))
 
     def index(self, name: str) -> int:
         """Index of a joint by name; raises KeyError for an unknown name."""
@@ -137,6 +143,20 @@ class Skeleton:
     def indices(self, names: Sequence[str]) -> list[int]:
         """Indices of several joints by name."""
         return [self.index(name) for name in names]
+
+
+def summed(offsets: Float[np.ndarray, "j 3"], parents: Sequence[int]) -> Float[np.ndarray, "j 3"]:
+    """The place of each joint, by its offset from its parent (-1 for none); parents come first."""
+    places = offsets.copy()
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            places[joint] += places[parent]
+    return places
+
+
+def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float], ...]:
+    """Rows of three numbers as a skeleton has them."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
 _FINGERS: dict[str, dict[str, tuple[float, float, float]]] = {  # bone offsets of the left hand

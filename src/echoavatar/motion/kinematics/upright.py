@@ -6,7 +6,7 @@ into the unit of its bones. `axes_of` and `metres_of` serve glTF, whose nodes sa
 is meant. Both find the axes by `_standing`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +45,7 @@ _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
 _SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
 _MOSTLY, _FASTEST = 0.9, 10.0  # of the time; heights a second, which nobody moves
 _TIMES, _NEAR = (100.0, 1000.0), 1.15  # by how much the places of the hips may be too large, and how nearly
-_BEHIND = 0.02  # of the lengths of trunk and legs: toes so far behind the feet belong to a mirrored figure
+_BEHIND = 0.04  # of the length of a leg: toes so far behind the feet, both together, belong to a mirrored figure
 _SAMPLES = 64  # frames of a clip that are looked at
 _NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
 _Vector = Float[np.ndarray, "3"]
@@ -93,9 +93,7 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     hips, shoulders = (at[f"left{bone}"] - at[f"right{bone}"] for bone in ("UpperLeg", "UpperArm"))
     ahead = np.cross(hips, up)
     is_plain = ahead.any() and shoulders @ hips >= 0  # no twisted figure
-    turn = _standing(hips, [(np.eye(3), up)]) if is_plain else _lifted(up)
-    if is_plain and _toes(at) @ turn[2] < -_BEHIND * tall / _TALL:
-        turn = turn * [[1], [1], [-1]]
+    turn = _standing(at, hips, [(np.eye(3), up)]) if is_plain else _lifted(up)
     return Stand(turn, turn, metres, tall * metres)
 
 
@@ -182,9 +180,8 @@ def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Mot
         first = quaternion_from_matrix(world @ rest.T)
         root = quaternion_multiply(first, rotations[:, 0].astype(np.float64))
         rotations = np.concatenate([root[:, None].astype(np.float32), rotations[:, 1:]], 1)
-    changed = {"offsets": triples(offsets), "tips": dict(zip(tips, triples(tips.values()), strict=True))}
     root = motion.root.astype(np.float64) @ world.T * scale
-    return Motion(Skeleton(config.model_copy(update=changed)), rotations, root.astype(np.float32), motion.fps)
+    return Motion(motion.skeleton.with_offsets(offsets, tips), rotations, root.astype(np.float32), motion.fps)
 
 
 def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),), *, mirrored: bool = False) -> _Turn:
@@ -204,19 +201,21 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
         raise MotionError("its rest pose is no body's: head and hips, or left and right, are in one place; pose it")
     ups = [(frame, _nearest(frame, trunk)) for frame in frames]
     near = [(frame, up) for frame, up in ups if up @ unit(trunk) > _LEANING]
-    turn = _standing(across, near or [(np.zeros((3, 3)), unit(trunk))])
-    toes = float(_toes(places) @ turn[2])
-    is_mirrored = toes < 0 if abs(toes) > _BEHIND * size else mirrored
-    return turn * [[1], [1], [-1 if is_mirrored else 1]]
+    return _standing(places, across, near or [(np.zeros((3, 3)), unit(trunk))], mirrored=mirrored)
 
 
-def _standing(across: _Vector, ups: Sequence[tuple[_Turn, _Vector]]) -> _Turn:
-    """The turn to our axes of a body whose left side is `across`: along the first up whose frame has its side too."""
+def _standing(
+    places: Mapping[str, _Vector], across: _Vector, ups: Sequence[tuple[_Turn, _Vector]], *, mirrored: bool = False
+) -> _Turn:
+    """The matrix to our axes of a body whose left side is `across`: along the first up whose frame has its side too."""
     lefts = [unit(across - (across @ up) * up) for _, up in ups]
     sides = [_nearest(frame, left) for (frame, _), left in zip(ups, lefts, strict=True)]
     best = next((k for k, (side, left) in enumerate(zip(sides, lefts, strict=True)) if side @ left > _TURNED), -1)
     left, up = (lefts[0], ups[0][1]) if best < 0 else (sides[best], ups[best][1])
-    return np.stack([left, up, np.cross(left, up)])
+    toes, leg = _toes(places) @ np.cross(left, up), [places[f"left{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")]
+    is_far = abs(toes) > _BEHIND * np.linalg.norm(np.diff(leg, axis=0), axis=1).sum()
+    is_mirrored = toes < 0 if is_far else mirrored
+    return np.stack([left, up, np.cross(left, up) * (-1 if is_mirrored else 1)])
 
 
 def _toes(places: Mapping[str, _Vector]) -> _Vector:
@@ -234,11 +233,6 @@ def metres_of(tall: float, stated: float = 0.0) -> float:
 def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
     """The rig so many times as large."""
     return turned(Motion.at_rest(skeleton), np.eye(3), np.eye(3), factor).skeleton
-
-
-def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float], ...]:
-    """Rows of three numbers as a skeleton has them."""
-    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
 def _lifted(up: _Vector) -> _Turn:

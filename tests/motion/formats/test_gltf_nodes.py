@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echoavatar.limits import DEPTH, NODES
-from echoavatar.motion.formats.gltf_file import (
+from echoavatar.motion.formats.gltf_nodes import (
     above,
     node_matrix,
     parents_of,
