@@ -156,7 +156,7 @@ async def test_a_client_that_only_cancels_stops_the_avatar(caplog: pytest.LogCap
         first, second = ([e for e in client.of(BODY) if e["item_id"] == name] for name in ("resp_1", "item_2"))
         assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
         heard_s = (flush["at"] - first[0]["at"]) / 24_000
-        assert 0.5 < heard_s < 5.9
+        assert 0 < heard_s < 5.9, "in the middle of the sentence"
         assert heights(second[-1]) == pytest.approx(1 + heard_s, abs=0.05)
     assert not [record for record in caplog.records if "proxy" in record.name]
 
