@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ def test_parts_become_a_bundle_that_loads(mine: Path, capsys: pytest.CaptureFixt
 
 
 def test_int8_is_smaller_and_loads(mine: Path, tiny_bundle: Path, tmp_path: Path) -> None:
+    (tmp_path / "int8").mkdir()
+    shutil.copy(mine / "actions.json", tmp_path / "int8")
     assert main(["bundle", str(tiny_bundle), "-o", str(tmp_path / "int8"), "--no-graphs", "--int8"]) == 0
     whole, small = ((folder / "generator/model.safetensors").stat().st_size for folder in (mine, tmp_path / "int8"))
     assert small < 0.8 * whole

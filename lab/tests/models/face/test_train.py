@@ -186,7 +186,7 @@ def test_another_schedule_or_size_is_refused(tmp_path):
 
 def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
     """A tiny model overfits one clip: streamed from nothing but sound, its jaw follows the truth."""
-    training = FaceTraining(steps=250, batch=8, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
+    training = FaceTraining(steps=80, batch=4, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
     model = train(FaceTask(CONFIG, training, [clip()]), tmp_path).model
     curve = list(losses(tmp_path).values())
     assert np.mean(curve[-20:]) < 0.35 * np.mean(curve[:10])
