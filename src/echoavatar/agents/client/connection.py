@@ -236,7 +236,7 @@ class Avatar:
         if self._socket is not None:
             closing = asyncio.create_task(self._socket.close())
             with suppress(ConnectionClosed, ConcurrencyError):  # where somebody else reads, nothing is left unread
-                while True:  # the library stops reading before unread messages, and the server's farewell is behind them
+                while True:  # the library stops reading before unread messages; the farewell is behind them
                     await self._socket.recv(decode=False)
             await closing
 
