@@ -227,7 +227,7 @@ def test_at_first_only_the_encoder_learns():
 
 def test_the_encoder_alone_learns_to_tell_the_jaw():
     """The readout's error falls to a third within 60 steps of a tiny encoder on one clip."""
-    training = FaceTraining(steps=60, listen=60, batch=8, frames=32, warmup=5, listening_rate=1e-2)
+    training = FaceTraining(steps=60, listen=60, batch=4, frames=32, warmup=5, listening_rate=1e-2)
     loop = Loop(FaceTask(CONFIG, training, [clip()]))
     errors = [loop.advance()["read"] for _ in range(60)]
     assert np.mean(errors[-5:]) < np.mean(errors[:3]) / 3
