@@ -457,8 +457,10 @@ MAY_DIAL = {
 
 def _http_clients(path: Path) -> set[str]:
     """The HTTP clients that a file imports or calls."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    found, text = set(), path.read_text("utf-8")
+    if not any(all(part in text for part in name.split(".")) for name in (*CLIENT_MODULES, "urlopen")):
+        return set()  # sooner than by parsing
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -471,6 +473,8 @@ def _http_clients(path: Path) -> set[str]:
 def _websockets_opened(source: str) -> set[str]:
     """What opens WebSockets in a source: functions of `websockets` and the like, imported or called by their module."""
     found = set()
+    if not re.search("websocket|aiohttp|ws_connect", source):
+        return found  # sooner than by parsing
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ImportFrom) and re.match(r"websockets?\b", node.module or "") and not node.level:
             found |= DIALLERS & {alias.name for alias in node.names}

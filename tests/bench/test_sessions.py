@@ -19,7 +19,7 @@ def test_a_chunk_waits_for_its_own_step_at_least() -> None:
 
 
 def test_steps_longer_than_a_chunk_are_not_in_real_time() -> None:
-    loads = bench_sessions(Body(0.4), (1,), seconds=1.5)  # type: ignore[arg-type]
+    loads = bench_sessions(Body(0.3), (1,), seconds=1)  # type: ignore[arg-type]
     assert not loads[0].in_real_time
     assert loads[0].admitted == 1
     assert summary(loads)["sessions_in_real_time"] == 0

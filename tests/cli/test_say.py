@@ -118,12 +118,14 @@ def test_a_server_that_never_ends_is_left(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    left = threading.Event()
+
     def answer(socket: ServerConnection) -> None:
         with contextlib.suppress(ConnectionClosed):
             socket.recv()
             socket.send(codec.encode(READY))
             lie(socket)
-            time.sleep(3)
+            left.wait(3)
 
     monkeypatch.setattr("echoavatar.cli.say.PATIENCE_S", 0.5)
     monkeypatch.setattr("echoavatar.cli.say.SPARE_S", 1.0)
@@ -131,7 +133,10 @@ def test_a_server_that_never_ends_is_left(
         thread = threading.Thread(target=liar.serve_forever, daemon=True)
         thread.start()
         address = f"http://127.0.0.1:{liar.socket.getsockname()[1]}"
+        began = time.monotonic()
         assert main(["say", str(talk), "--server", address]) == 1
+        assert time.monotonic() - began < 8, "what was not read yet holds nobody up"
+        left.set()
         liar.shutdown()
     told = capsys.readouterr().err
     assert said in told

@@ -177,7 +177,7 @@ def test_chunks_that_are_made_again_get_the_same_gestures():
         ([("a", "b")], "tuples"),
         ([("a", 2.0), ("b", 1.0)], "send words in order"),
         ([("x" * 5_000_000, 0.0)], "5,000,000 letters"),
-        ([("a", 0.0)] * 1_000_000, "1,000,001 words"),
+        ([("a", 0.0)] * 50_000, "50,001 words"),
         ([7], "tuples"),
     ],
 )

@@ -101,6 +101,7 @@ class RunningServer:
             f"ws://{self.address}/v1/stream",
             subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
             compression=None,
+            close_timeout=1.0,  # what the test did not read may keep the farewell back
             **options,
         )
         return Caller(way, hello)

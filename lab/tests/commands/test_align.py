@@ -14,7 +14,7 @@ from lab.tests.evaluation.test_takes import name_people
 
 from echoavatar.cli import main
 from echoavatar.motion.formats import write_bvh
-from echoavatar_lab.align import targets
+from echoavatar_lab.align import target_task, targets
 from echoavatar_lab.align.compare import compare
 from echoavatar_lab.models.generator.model import Generator
 
@@ -87,7 +87,10 @@ def test_a_soup_of_two_runs(tmp_path, tiny_bundle, capsys):
 
 
 @pytest.fixture
-def words(tmp_path: Path, tiny_bundle: Path) -> list[str]:
+def words(tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.setattr(target_task, "TRUTH_DRAWS", 2)
+    monkeypatch.setattr(target_task, "TOGETHER", 16)
+    monkeypatch.setattr(target_task, "ROUNDS", 1)
     (tmp_path / "tokens").mkdir()
     for number, clip in enumerate(clips(6, 40).values()):
         object.__setattr__(clip, "domain", np.full_like(clip.domain, 1 + number % 2))
@@ -98,7 +101,7 @@ def words(tmp_path: Path, tiny_bundle: Path) -> list[str]:
         motion = swaying(400, size=size)
         write_bvh(tmp_path / "people" / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
     name_people(tmp_path / "people", *(("music", name, "any", name) for name in ("dance_a", "dance_b")))
-    sizes = ["--past", "6", "--own-past", "1", "--length", "28", "--batch", "8", "--group", "2", "--accumulation", "2"]
+    sizes = ["--past", "6", "--own-past", "1", "--length", "28", "--batch", "4", "--group", "2", "--accumulation", "2"]
     sizes += ["--layers", "1"]
     return [
         "align",

@@ -99,7 +99,8 @@ def test_a_missing_recipe_is_named_and_an_empty_one_changes_nothing(tmp_path: Pa
     "text",
     [
         "model: &a {width: *a}\n",
-        "[" * 4_000,
+        "[" * 60_000,
+        "- " * 30_000,
         "training: {steps: 2020-99-99}\n",
         f"training: {{steps: {'9' * 5_000}}}\n",
         "#" * 70_000,

@@ -1,4 +1,5 @@
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from tests.models.generator.tiny import config, generator
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_lab.commands import evaluate_measures
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 from echoavatar_lab.data import MUSIC, SPEECH
 from echoavatar_lab.evaluation.codes import (
@@ -130,7 +132,10 @@ def test_a_chunk_is_drawn_after_the_true_past_alone(sequence):
     assert any(differs)
 
 
-def test_the_command_ends_with_json(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_ends_with_json(
+    tiny_bundle: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluate_measures, "Plan", partial(Plan, clip_seconds=16.0))
     folder = str(tiny_bundle)
     assert main(["evaluate", folder, "codes", "--clips", "1"]) == 0
     rows = {"tokenizer", "truth", "decoded", "shown", "drawn", "performed"}

@@ -79,6 +79,7 @@ def test_the_shipped_card_has_every_statistic_with_its_interval() -> None:
             assert one.low <= one.interval.low <= one.mean <= one.interval.high <= one.high, (kind, name)
 
 
+@pytest.mark.slow
 def test_the_shipped_card_is_what_the_named_clips_give() -> None:
     """Two kinds of the list, measured again; the third takes too long."""
     if not SHARED.is_dir():

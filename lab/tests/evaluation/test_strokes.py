@@ -20,9 +20,10 @@ def voice() -> np.ndarray:
     sound, at = np.zeros(len(time)), 0.3
     while at < SECONDS - 1:
         is_stressed = random.random() < 0.25
-        envelope = np.exp(-(((time - at) / 0.06) ** 2)) * (1.0 if is_stressed else 0.3)
+        heard = slice(int((at - 0.3) * SAMPLE_RATE_HZ), int((at + 0.3) * SAMPLE_RATE_HZ))  # silence beyond
+        envelope = np.exp(-(((time[heard] - at) / 0.06) ** 2)) * (1.0 if is_stressed else 0.3)
         pitch = 150 if is_stressed else 110
-        sound += envelope * sum(np.sin(2 * np.pi * pitch * k * time) / k for k in range(1, 20))
+        sound[heard] += envelope * sum(np.sin(2 * np.pi * pitch * k * time[heard]) / k for k in range(1, 20))
         at += random.uniform(0.2, 0.35) + (0.8 if random.random() < 0.1 else 0)
     return (0.2 * sound / np.abs(sound).max()).astype(np.float32)
 

@@ -166,7 +166,7 @@ def test_benches_count_in_its_chunks(pipeline: Pipeline, in_threes: Path, monkey
     assert report.summary["first_motion_ms"] > 400
     (load,) = bench_sessions(pipeline, (1,), seconds=1.0)
     assert load.sessions == 1
-    assert bench_face(load_bundle(in_threes).face.stream(), chunks=10, sessions=2)["face_ms_p50"] > 0
+    assert bench_face(load_bundle(in_threes).face.stream(), chunks=3, sessions=2)["face_ms_p50"] > 0
 
 
 def test_several_files_at_once_are_the_same_as_one(pipeline: Pipeline, voice: np.ndarray) -> None:

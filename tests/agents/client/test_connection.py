@@ -15,7 +15,7 @@ from tests.server.fakes import RunningServer, serving
 from websockets.asyncio.server import ServerConnection, serve
 
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
-from echoavatar.agents.client.connection import Avatar, stream_url
+from echoavatar.agents.client.connection import CLOSE_S, Avatar, stream_url
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.wire.codec import ProtocolError, encode
@@ -151,6 +151,22 @@ async def test_pings_are_no_flood_whatever_the_server_asks_for(seconds: float) -
     with contextlib.suppress(TimeoutError, TypeError):
         await asyncio.wait_for(avatar.keep_alive(), 0.05)
     assert not sent
+
+
+async def test_what_was_not_read_does_not_hold_up_the_end() -> None:
+    async def answer(socket: ServerConnection) -> None:
+        await socket.recv()
+        await socket.send(encode(READY))
+        for at in range(200):  # the library reads some ahead
+            await socket.send(encode(Sound(at=at, epoch=0, seg=0, pcm=bytes(2))))
+        await socket.wait_closed()
+
+    async with serve(answer, "127.0.0.1", 0, compression=None) as place:
+        port = place.sockets[0].getsockname()[1]
+        async with connect(f"http://127.0.0.1:{port}"):
+            await asyncio.sleep(0.2)
+            began = asyncio.get_running_loop().time()
+        assert asyncio.get_running_loop().time() - began < CLOSE_S / 2
 
 
 async def test_interrupt_act_and_music(server: RunningServer) -> None:

@@ -85,7 +85,8 @@ class Listener:
 
 @contextlib.asynccontextmanager
 async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
-    async with connect(url, compression=None, logger=quiet_logger(), **options) as websocket:
+    # what the test did not read may keep the farewell back
+    async with connect(url, compression=None, logger=quiet_logger(), close_timeout=1.0, **options) as websocket:
         yield Listener(websocket)
 
 

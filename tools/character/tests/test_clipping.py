@@ -38,9 +38,18 @@ def _edges(triangles: Int[np.ndarray, "a 3"]) -> Int[np.ndarray, "e 2"]:
     return np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1), axis=0)
 
 
+def _meets(some: Float[np.ndarray, "n k 3"], others: Float[np.ndarray, "m l 3"]) -> Bool[np.ndarray, " n"]:
+    """Which of them reach into the box around all others."""
+    low, high = others.min((0, 1)), others.max((0, 1))
+    return np.asarray(((some.max(1) >= low) & (some.min(1) <= high)).all(1))
+
+
 def _crossings(points: Float[np.ndarray, "v 3"], edges: Int[np.ndarray, "e 2"], faces: Int[np.ndarray, "b 3"]) -> int:
     """How many pairs there are of an edge and a triangle that it crosses."""
     ends, corners = points[edges], points[faces]
+    ends, corners = ends[_meets(ends, corners)], corners[_meets(corners, ends)]
+    if not len(ends) or not len(corners):
+        return 0
     middle, centre = ends.mean(1), corners.mean(1)
     reach = (
         np.linalg.norm(ends - middle[:, None], axis=2).max() + np.linalg.norm(corners - centre[:, None], axis=2).max()

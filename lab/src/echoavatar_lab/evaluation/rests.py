@@ -41,9 +41,9 @@ def with_bundled(recorded: Sequence[Sound], seconds: float, most: int) -> list[S
     with as_file(files("echoavatar") / "assets") as folder:
         paths = [folder / "music.ogg", *sorted((folder / "music").glob("*.ogg"))]
         cut = int(seconds * SAMPLE_RATE_HZ)
-        bundled = [Sound(path.stem, MUSIC, "bundled", read_audio(path)[:cut]) for path in paths]
-    turns = itertools.zip_longest([sound for sound in recorded if sound.kind == MUSIC], bundled)
-    return list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
+        bundled = (Sound(path.stem, MUSIC, "bundled", read_audio(path)[:cut]) for path in paths)  # as far as needed
+        turns = itertools.zip_longest([sound for sound in recorded if sound.kind == MUSIC], bundled)
+        return list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
 
 
 def is_quiet(audio: Float[np.ndarray, " s"], frames: int) -> Bool[np.ndarray, " t"]:

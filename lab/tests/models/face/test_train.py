@@ -186,7 +186,7 @@ def test_another_schedule_or_size_is_refused(tmp_path):
 
 def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
     """A tiny model overfits one clip: streamed from nothing but sound, its jaw follows the truth."""
-    training = FaceTraining(steps=250, batch=8, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
+    training = FaceTraining(steps=80, batch=4, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
     model = train(FaceTask(CONFIG, training, [clip()]), tmp_path).model
     curve = list(losses(tmp_path).values())
     assert np.mean(curve[-20:]) < 0.35 * np.mean(curve[:10])
@@ -227,7 +227,7 @@ def test_at_first_only_the_encoder_learns():
 
 def test_the_encoder_alone_learns_to_tell_the_jaw():
     """The readout's error falls to a third within 60 steps of a tiny encoder on one clip."""
-    training = FaceTraining(steps=60, listen=60, batch=8, frames=32, warmup=5, listening_rate=1e-2)
+    training = FaceTraining(steps=60, listen=60, batch=4, frames=32, warmup=5, listening_rate=1e-2)
     loop = Loop(FaceTask(CONFIG, training, [clip()]))
     errors = [loop.advance()["read"] for _ in range(60)]
     assert np.mean(errors[-5:]) < np.mean(errors[:3]) / 3

@@ -104,7 +104,7 @@ def clip_arrays(seed, chunks=24):
 def test_trained_control_steers_and_lets_go(tmp_path):
     """After a short training the codes drawn come mostly from a set that is told, and no longer when it is not."""
     clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
-    training = settings(steps=150, batch=8, chunks=6, learning_rate=1e-2, warmup=5, exemplar=0.7, blind=0.3)
+    training = settings(steps=90, batch=8, chunks=6, learning_rate=1e-2, warmup=5, exemplar=0.7, blind=0.3)
     model = train(GeneratorTask(config(layers=1, exemplar=True), training, clips), tmp_path).generator
     stream, x, sets = open_stream(model), audio(2, 400), members({2, 6}, {0, 3})
     state = stream.init_state(2)

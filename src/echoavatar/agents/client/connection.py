@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as connect_websocket
-from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.exceptions import ConcurrencyError, ConnectionClosed, WebSocketException
 
 from echoavatar import outgoing
 from echoavatar.errors import DependencyError, EchoAvatarError
@@ -44,6 +44,7 @@ from echoavatar.wire.messages import (
 from .utterances import UtteranceQueue
 
 TIMEOUT_S = 10.0
+CLOSE_S = 2.0  # for the server's farewell
 RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
 STEADY_S = 5.0  # a connection that breaks sooner is not reopened at once
 LEAST_PING_S = 0.1  # whatever the server asks for
@@ -209,7 +210,11 @@ class Avatar:
         """
         try:
             self._socket = await open_websocket(
-                self._url, subprotocols=[subprotocol("msgpack")], max_size=MAX_MESSAGE_BYTES, open_timeout=TIMEOUT_S
+                self._url,
+                subprotocols=[subprotocol("msgpack")],
+                max_size=MAX_MESSAGE_BYTES,
+                open_timeout=TIMEOUT_S,
+                close_timeout=CLOSE_S,
             )
             await self._socket.send(encode(self._hello))
             ready = await asyncio.wait_for(self.receive(), TIMEOUT_S)
@@ -229,7 +234,11 @@ class Avatar:
     async def close(self) -> None:
         """Close the connection; the session ends."""
         if self._socket is not None:
-            await self._socket.close()
+            closing = asyncio.create_task(self._socket.close())
+            with suppress(ConnectionClosed, ConcurrencyError):  # where somebody else reads, nothing is left unread
+                while True:  # the library stops reading before unread messages; the farewell is behind them
+                    await self._socket.recv(decode=False)
+            await closing
 
     async def keep_alive(self) -> None:
         """Ping as often as the server asks for, until cancelled."""
