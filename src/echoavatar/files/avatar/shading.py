@@ -86,11 +86,11 @@ def gathered(points, normals, colours, uvs, screen, vertices):  # type: ignore[n
 
 
 @kernel(fastmath=True, inline="always")
-def chosen(row, left, right, samples, ids, depth, sheer, xs, ys, areas, counts):  # type: ignore[no-untyped-def]
-    """List the samples to be lit in a row of pixels and what area each stands for; returns how many there are.
+def chosen(row, left, right, samples, ids, depth, sheer, xs, ys, ts, counts, batch):  # type: ignore[no-untyped-def]
+    """List the samples to be lit in a row of pixels, their triangles, and the area that each stands for.
 
-    `counts` receives those of each pixel. Samples that see the same stretch of surface are lit once, unless it is
-    `sheer` (f).
+    Returns how many there are; `counts` receives those of each pixel. Samples that see the same stretch of surface are
+    lit once, unless it is `sheer` (f).
     """
     n = U(0)
     for column in range(left, right):
@@ -110,17 +110,18 @@ def chosen(row, left, right, samples, ids, depth, sheer, xs, ys, areas, counts):
         for y in range(row * samples, row * samples + wanted):
             for x in range(column * samples, column * samples + wanted):
                 if ids[y, x] >= 0:
-                    xs[n], ys[n], areas[n] = x, y, ONE if is_mixed else F(samples * samples)
+                    xs[n], ys[n], ts[n] = x, y, ids[y, x]
+                    batch[COVERED, n] = ONE if is_mixed else F(samples * samples)
                     n += U(1)
         counts[column - left] = np.int32(n - first) if is_mixed else WHOLE
     return n
 
 
 @kernel(fastmath=True, inline="always")
-def interpolated(n, xs, ys, areas, ids, depth, triangles, vertices, spreads, batch):  # type: ignore[no-untyped-def]
+def interpolated(n, xs, ys, ts, depth, triangles, vertices, spreads, batch):  # type: ignore[no-untyped-def]
     """Fill the batch's first rows: the vertices' values at each sample, and how many texels it covers."""
     for e in range(n):
-        t = U(ids[ys[e], xs[e]])
+        t = U(ts[e])
         a, b, c = vertices[triangles[t, 0]], vertices[triangles[t, 1]], vertices[triangles[t, 2]]
         px, py = F(xs[e]) + HALF, F(ys[e]) + HALF
         ax, ay, bx, by, cx, cy = a[11], a[12], b[11], b[12], c[11], c[12]
@@ -131,7 +132,7 @@ def interpolated(n, xs, ys, areas, ids, depth, triangles, vertices, spreads, bat
         u, v = u * a[13] * near, v * b[13] * near
         for i in range(COVERED):
             batch[i, e] = u * a[i] + v * b[i] + w * c[i]
-        batch[COVERED, e] = abs(inverse) * spreads[t] * areas[e]
+        batch[COVERED, e] *= abs(inverse) * spreads[t]
 
 
 @kernel(fastmath=True, inline="always")
@@ -163,10 +164,10 @@ def illuminated(n, camera, to_light, look, batch):  # type: ignore[no-untyped-de
 
 
 @kernel(fastmath=True, inline="always")
-def shadowed(n, xs, ys, ids, shadow, glosses, batch):  # type: ignore[no-untyped-def]
+def shadowed(n, ts, shadow, glosses, batch):  # type: ignore[no-untyped-def]
     """Take the shadow from the key light, and make the highlight of its cosine."""
     for e in range(n):
-        t = U(ids[ys[e], xs[e]])
+        t = U(ts[e])
         if batch[KEY, e] > ZERO:
             batch[KEY, e] *= lit(batch[TEXEL, e], batch[TEXEL + 1, e], batch[TEXEL + 2, e] + F(0.008), shadow)
         shine = glosses[t, 0] * batch[KEY, e]
@@ -176,10 +177,10 @@ def shadowed(n, xs, ys, ids, shadow, glosses, batch):  # type: ignore[no-untyped
 
 
 @kernel(fastmath=True, inline="always")
-def painted(n, xs, ys, ids, pictures, texels, table, to_linear, batch):  # type: ignore[no-untyped-def]
+def painted(n, ts, pictures, texels, table, to_linear, batch):  # type: ignore[no-untyped-def]
     """The colour of each sample's picture."""
     for e in range(n):
-        t = U(ids[ys[e], xs[e]])
+        t = U(ts[e])
         red, green, blue = ONE, ONE, ONE
         if pictures[t] >= 0:
             level, covered = 0, batch[COVERED, e]
@@ -298,25 +299,22 @@ def shade(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Draw the body on `image` (h, w, 3 or 4) uint8 from `samples` x `samples` visibility samples a pixel, in `box`.
 
-    `vertices` are those of `gathered`. `pictures` (f), `spreads` (f) and `glosses` (f, 2) are the picture (or -1), twice
-    its texels and the highlights of each triangle. `look` rows: light direction, key light, sky, ground, direction and
-    colour of the light from behind.
+    `vertices` are those of `gathered`. `pictures` (f), `spreads` (f) and `glosses` (f, 2) are the picture (or -1),
+    twice its texels and the highlights of each triangle. `look` rows: light direction, key light, sky, ground,
+    direction and colour of the light from behind.
     """
     samples = U(samples)
-    left, top, right, bottom = (
-        U(box[0]) // samples, U(box[1]) // samples,
-        (U(box[2]) + samples - U(1)) // samples, (U(box[3]) + samples - U(1)) // samples,
-    )  # fmt: skip
-    xs, ys, areas = np.empty(BATCH, np.uint32), np.empty(BATCH, np.uint32), np.empty(BATCH, np.float32)
-    counts, batch = np.empty(BATCH, np.int32), np.empty((ROWS, BATCH), np.float32)
+    left, top, right, bottom = U(box[0]), U(box[1]), U(box[2]), U(box[3])
+    xs, ys, ts = np.empty(BATCH, np.uint32), np.empty(BATCH, np.uint32), np.empty(BATCH, np.uint32)
+    batch, counts = np.empty((ROWS, BATCH), np.float32), np.empty(BATCH, np.int32)
     pixels = U(BATCH) // (samples * samples)
-    for row in range(top, bottom):
-        for begin in range(left, right, pixels):
-            end = min(right, begin + pixels)
-            n = chosen(row, begin, end, samples, ids, depth, sheer, xs, ys, areas, counts)
-            interpolated(n, xs, ys, areas, ids, depth, triangles, vertices, spreads, batch)
+    for row in range(top // samples, bottom // samples):
+        for begin in range(left // samples, right // samples, pixels):
+            end = min(right // samples, begin + pixels)
+            n = chosen(row, begin, end, samples, ids, depth, sheer, xs, ys, ts, counts, batch)
+            interpolated(n, xs, ys, ts, depth, triangles, vertices, spreads, batch)
             illuminated(n, camera, to_light, look, batch)
-            shadowed(n, xs, ys, ids, shadow, glosses, batch)
-            painted(n, xs, ys, ids, pictures, texels, table, to_linear, batch)
+            shadowed(n, ts, shadow, glosses, batch)
+            painted(n, ts, pictures, texels, table, to_linear, batch)
             summed(n, look, batch)
             mixed(row, begin, end, samples, counts, batch, tone, image)
