@@ -8,7 +8,8 @@ import numpy as np
 
 from echoavatar.nn.kernels import kernel
 
-F, U = np.float32, np.uint64
+F = np.float32
+U = np.uint64  # unsigned, or each index is asked whether it counts from the end
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
 TILE = U(8)  # samples
 FAR, TINY = F(1e6), F(1e-9)

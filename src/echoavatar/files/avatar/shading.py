@@ -10,9 +10,8 @@ import numpy as np
 
 from echoavatar.nn.kernels import kernel
 
-from .raster import HALF, ONE, ZERO, F, repeated
+from .raster import HALF, ONE, TINY, ZERO, F, U, repeated
 
-U = np.uint64  # unsigned, or each index is asked whether it counts from the end
 BLUR = F(2.5)  # a sample that covers more texels reads the next smaller picture
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 BATCH = 496  # samples that are lit at once; of a power of two, rows would lie in the same lines of the cache
@@ -234,12 +233,17 @@ def mixed(row, left, right, samples, counts, batch, tone, image):  # type: ignor
 
 
 @kernel(fastmath=True)
-def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, contact, contact_map, strength):  # type: ignore[no-untyped-def]
+def floor_shadow(  # type: ignore[no-untyped-def]
+    image, box, samples, camera, rays, middle, to_light, reach, shadow, contact, contact_map, strength
+):
     """Darken the floor in `box` by the key light's shadow and by the nearness of the body (`contact`, n x n).
 
-    `contact_map` (2, 2) holds scale and shift from metres (x, z) to cells. A fourth channel becomes opaque instead.
+    `reach` (2) are the shadow map's columns between which there is any; `contact_map` (2, 2) holds scale and shift from
+    metres (x, z) to cells. A fourth channel becomes opaque instead. Returns the first column and the one behind the
+    last that may have changed.
     """
     left, top, right, bottom = box
+    wide, least, most = F(right - left), right, left
     cells = contact.shape[0]
     has_alpha = image.shape[2] == 4
     along, past = rays[1, 0], rays[1, 2]  # a row of the picture is level: what it gains by a column has no height
@@ -252,15 +256,22 @@ def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, co
         x0 = camera[0] + (rays[0, 0] + along * px + rays[2, 0] * py) * distance
         z0 = camera[2] + (rays[0, 2] + past * px + rays[2, 2] * py) * distance
         across, away = along * F(samples) * distance, past * F(samples) * distance
-        for column in range(left, right):
+        u0 = to_light[0, 0] * x0 + to_light[0, 2] * z0 + to_light[0, 3]
+        step = to_light[0, 0] * across + to_light[0, 2] * away
+        step = step if abs(step) > TINY else TINY
+        one, other = (reach[0] - u0) / step, (reach[1] - u0) / step
+        begin = left + int(min(wide, max(ZERO, min(one, other))))
+        end = left + int(min(wide, max(ZERO, max(one, other) + ONE)))
+        if begin < end:
+            least, most = min(least, begin), max(most, end)
+        for column in range(begin, end):
             x, z = x0 + F(column - left) * across, z0 + F(column - left) * away
             fading = ONE - ((x - middle[0]) ** 2 + (z - middle[1]) ** 2) * (ONE / FADE_METRES**2)
             if fading <= ZERO:
                 continue
-            su = to_light[0, 0] * x + to_light[0, 2] * z + to_light[0, 3]
             sv = to_light[1, 0] * x + to_light[1, 2] * z + to_light[1, 3]
             height = to_light[2, 0] * x + to_light[2, 2] * z + to_light[2, 3] + F(0.004)
-            dark = strength[0] * (ONE - lit(su, sv, height, shadow)) * fading
+            dark = strength[0] * (ONE - lit(u0 + F(column - left) * step, sv, height, shadow)) * fading
             u, v = x * contact_map[0, 0] + contact_map[0, 1], z * contact_map[1, 0] + contact_map[1, 1]
             i, j = int(u), int(v)
             if u >= ZERO and v >= ZERO and i < cells - 1 and j < cells - 1:
@@ -275,6 +286,7 @@ def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, co
             else:
                 for channel in range(3):
                     image[row, column, channel] = F(image[row, column, channel]) * (ONE - dark) + HALF
+    return min(least, most), most
 
 
 @kernel(fastmath=True)
