@@ -108,6 +108,18 @@ def test_a_row_of_more_samples_than_are_lit_at_once_has_no_seam() -> None:
     assert np.abs(np.diff(picture[32].astype(int), axis=0)).max() < 2
 
 
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -1e30])
+def test_damaged_normals_and_places_draw_a_picture_all_the_same(odd: float) -> None:
+    """Tables are not read beside their ends, and nothing is written beside the picture."""
+    surface = square()
+    normals, points = surface.normals.copy(), surface.points.copy()
+    normals[1:3], points[2, 0] = odd, odd
+    for damaged in (replace(surface, normals=normals), replace(surface, points=points)):
+        with np.errstate(invalid="ignore", over="ignore"):
+            picture = Renderer(64, 64, camera=CAMERA).draw(damaged)
+        np.testing.assert_array_equal(picture[0, :8], Renderer(64, 64).empty[0, :8])
+
+
 def test_supersampling_smooths_edges() -> None:
     """A hard edge has two tones; a smoothed one has tones in between."""
     hard = Renderer(96, 96, camera=CAMERA, samples=1).draw(square())[48, :, 0]

@@ -66,7 +66,7 @@ class Paint:
         """Twice the texels of its picture that lie on each triangle."""
         sides = np.diff(self.uvs[self.triangles], axis=1)
         texels = np.append(self.texels.table[:, 0, 1:].prod(1), 0)[self.pictures]
-        return (np.abs(np.linalg.det(sides)) * texels).astype(np.float32)
+        return np.asarray(np.abs(np.linalg.det(sides)) * texels, np.float32)
 
     @classmethod
     def of(cls, character: Character) -> "Paint":
@@ -155,7 +155,7 @@ class Renderer:
         self._ids = np.zeros(self._grid, np.int32)
         self._shadow = np.zeros((SHADOW_TEXELS, SHADOW_TEXELS), np.float32)
         self._screen = np.zeros((0, 3), np.float32)
-        self._light = self._vertices = self._screen
+        self._light = self._screen
 
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w c"]:
         """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
@@ -163,7 +163,7 @@ class Renderer:
         normals = np.ascontiguousarray(surface.normals, np.float32)
         paint, texels, look = surface.paint, surface.paint.texels, self._backdrop.look
         if len(self._screen) != len(points):
-            self._screen, self._light, self._vertices = (np.zeros((len(points), n), np.float32) for n in (3, 3, 14))
+            self._screen, self._light = (np.zeros((len(points), 3), np.float32) for _ in range(2))
         place = np.array(self.camera.position, np.float32)
         rays = self._rays()
         self._project(points, self._screen)
@@ -178,28 +178,11 @@ class Renderer:
         raster.visible(
             self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, paint.sheer, *texels
         )
-        shading.gathered(points, normals, paint.colours, paint.uvs, self._screen, self._vertices)
         shading.shade(
-            self._vertices,
-            paint.triangles,
-            self._ids,
-            self._depth,
-            box,
-            self.samples,
-            place,
-            to_light,
-            self._shadow,
-            look,
-            self._tone,
-            image,
-            paint.pictures,
-            paint.spreads,
-            paint.glosses,
-            paint.sheer,
-            texels.values,
-            texels.table,
-            _LINEAR,
-        )
+            self._screen, points, normals, paint.colours, paint.uvs, paint.triangles, self._ids, self._depth, box,
+            self.samples, place, to_light, self._shadow, look, self._tone, image, paint.pictures, paint.spreads,
+            paint.glosses, paint.sheer, texels.values, texels.table, _LINEAR,
+        )  # fmt: skip
         return image
 
     def _draw_shadow(

@@ -18,7 +18,7 @@ BATCH = 496  # samples that are lit at once; of a power of two, rows would lie i
 WHOLE = -1  # count of a pixel whose samples are lit as one
 # Rows of a batch: what is interpolated between vertices, and what is computed from it and takes its place.
 POINT, NORMAL, COLOUR, UV, COVERED, AMBIENT, ROWS = 0, 3, 6, 9, 11, 12, 15
-TEXEL, KEY, SHINE, PAINT = 0, 3, 4, 9
+TEXEL, KEY, SHINE, PAINT = POINT, NORMAL, NORMAL + 1, UV
 
 
 @kernel(fastmath=True, inline="always")
@@ -74,16 +74,6 @@ def sampled(texels, table, to_linear, picture, level, x, y):  # type: ignore[no-
     return red, green, blue
 
 
-@kernel(fastmath=True)
-def gathered(points, normals, colours, uvs, screen, vertices):  # type: ignore[no-untyped-def]
-    """Fill `vertices` (v, 14) with what `shade` reads of each, side by side in memory: the batch's rows, `screen`."""
-    for v in range(points.shape[0]):
-        for i in range(3):
-            vertices[v, POINT + i], vertices[v, NORMAL + i] = points[v, i], normals[v, i]
-            vertices[v, COLOUR + i], vertices[v, COVERED + i] = colours[v, i], screen[v, i]
-        vertices[v, UV], vertices[v, UV + 1] = uvs[v, 0], uvs[v, 1]
-
-
 @kernel(fastmath=True, inline="always")
 def chosen(row, left, right, samples, ids, depth, sheer, xs, ys, ts, counts, batch):  # type: ignore[no-untyped-def]
     """List the samples to be lit in a row of pixels, their triangles, and the area that each stands for.
@@ -117,20 +107,26 @@ def chosen(row, left, right, samples, ids, depth, sheer, xs, ys, ts, counts, bat
 
 
 @kernel(fastmath=True, inline="always")
-def interpolated(n, xs, ys, ts, depth, triangles, vertices, spreads, batch):  # type: ignore[no-untyped-def]
+def interpolated(  # type: ignore[no-untyped-def]
+    n, xs, ys, ts, depth, screen, points, normals, colours, uvs, triangles, spreads, batch
+):
     """Fill the batch's first rows: the vertices' values at each sample, and how many texels it covers."""
     for e in range(n):
         t = U(ts[e])
-        a, b, c = vertices[triangles[t, 0]], vertices[triangles[t, 1]], vertices[triangles[t, 2]]
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         px, py = F(xs[e]) + HALF, F(ys[e]) + HALF
-        ax, ay, bx, by, cx, cy = a[11], a[12], b[11], b[12], c[11], c[12]
+        ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
         inverse, near = ONE / ((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)), ONE / depth[ys[e], xs[e]]
         u = ((bx - px) * (cy - py) - (cx - px) * (by - py)) * inverse
         v = ((cx - px) * (ay - py) - (ax - px) * (cy - py)) * inverse
-        w = (ONE - u - v) * c[13] * near
-        u, v = u * a[13] * near, v * b[13] * near
-        for i in range(COVERED):
-            batch[i, e] = u * a[i] + v * b[i] + w * c[i]
+        w = (ONE - u - v) * screen[c, 2] * near
+        u, v = u * screen[a, 2] * near, v * screen[b, 2] * near
+        for i in range(3):
+            batch[POINT + i, e] = u * points[a, i] + v * points[b, i] + w * points[c, i]
+            batch[NORMAL + i, e] = u * normals[a, i] + v * normals[b, i] + w * normals[c, i]
+            batch[COLOUR + i, e] = u * colours[a, i] + v * colours[b, i] + w * colours[c, i]
+        for i in range(2):
+            batch[UV + i, e] = u * uvs[a, i] + v * uvs[b, i] + w * uvs[c, i]
         batch[COVERED, e] *= abs(inverse) * spreads[t]
 
 
@@ -163,8 +159,8 @@ def illuminated(n, camera, to_light, look, batch):  # type: ignore[no-untyped-de
 
 
 @kernel(fastmath=True, inline="always")
-def shadowed(n, ts, shadow, glosses, batch):  # type: ignore[no-untyped-def]
-    """Take the shadow from the key light, and make the highlight of its cosine."""
+def painted(n, ts, shadow, glosses, pictures, texels, table, to_linear, batch):  # type: ignore[no-untyped-def]
+    """Take the shadow from the key light, make the highlight of its cosine, and look up the colour of the picture."""
     for e in range(n):
         t = U(ts[e])
         if batch[KEY, e] > ZERO:
@@ -173,13 +169,6 @@ def shadowed(n, ts, shadow, glosses, batch):  # type: ignore[no-untyped-def]
         if shine > F(2e-3):
             shine *= batch[SHINE, e] ** glosses[t, 1]
         batch[SHINE, e] = shine
-
-
-@kernel(fastmath=True, inline="always")
-def painted(n, ts, pictures, texels, table, to_linear, batch):  # type: ignore[no-untyped-def]
-    """The colour of each sample's picture."""
-    for e in range(n):
-        t = U(ts[e])
         red, green, blue = ONE, ONE, ONE
         if pictures[t] >= 0:
             level, covered = 0, batch[COVERED, e]
@@ -197,13 +186,13 @@ def summed(n, look, batch):  # type: ignore[no-untyped-def]
         for i in range(3):
             light = look[1, i] * batch[KEY, e] + batch[AMBIENT + i, e]
             value = light * batch[COLOUR + i, e] * batch[PAINT + i, e] + batch[SHINE, e]
-            batch[i, e] = min(F(4095.0), max(ZERO, value * F(1024.0)))
+            batch[i, e] = min(F(4095.0), value * F(1024.0))
 
 
 @kernel(fastmath=True, inline="always")
 def toned(place, tone):  # type: ignore[no-untyped-def]
-    """Look a place up in the tone curve."""
-    return F(tone[U(np.int32(place))])
+    """Look a place up in the tone curve; it need not be finite."""
+    return F(tone[U(min(4095, max(0, np.int32(place))))])
 
 
 @kernel(fastmath=True, inline="always")
@@ -243,7 +232,7 @@ def floor_shadow(  # type: ignore[no-untyped-def]
     last that may have changed.
     """
     left, top, right, bottom = box
-    wide, least, most = F(right - left), right, left
+    least, most = right, left
     cells = contact.shape[0]
     has_alpha = image.shape[2] == 4
     along, past = rays[1, 0], rays[1, 2]  # a row of the picture is level: what it gains by a column has no height
@@ -260,8 +249,7 @@ def floor_shadow(  # type: ignore[no-untyped-def]
         step = to_light[0, 0] * across + to_light[0, 2] * away
         step = step if abs(step) > TINY else TINY
         one, other = (reach[0] - u0) / step, (reach[1] - u0) / step
-        begin = left + int(min(wide, max(ZERO, min(one, other))))
-        end = left + int(min(wide, max(ZERO, max(one, other) + ONE)))
+        begin, end = max(left, left + int(min(one, other))), min(right, left + int(max(one, other)) + 1)
         if begin < end:
             least, most = min(least, begin), max(most, end)
         for column in range(begin, end):
@@ -306,14 +294,13 @@ def nearness(points, contact, contact_map):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True)
 def shade(  # type: ignore[no-untyped-def]
-    vertices, triangles, ids, depth, box, samples, camera, to_light, shadow, look, tone, image, pictures, spreads,
-    glosses, sheer, texels, table, to_linear,
+    screen, points, normals, colours, uvs, triangles, ids, depth, box, samples, camera, to_light, shadow, look, tone,
+    image, pictures, spreads, glosses, sheer, texels, table, to_linear,
 ):  # fmt: skip
     """Draw the body on `image` (h, w, 3 or 4) uint8 from `samples` x `samples` visibility samples a pixel, in `box`.
 
-    `vertices` are those of `gathered`. `pictures` (f), `spreads` (f) and `glosses` (f, 2) are the picture (or -1),
-    twice its texels and the highlights of each triangle. `look` rows: light direction, key light, sky, ground,
-    direction and colour of the light from behind.
+    `pictures` (f), `spreads` (f) and `glosses` (f, 2) are the picture (or -1), twice its texels and the highlights of
+    each triangle. `look` rows: light direction, key light, sky, ground, direction and colour of the light from behind.
     """
     samples = U(samples)
     left, top, right, bottom = U(box[0]), U(box[1]), U(box[2]), U(box[3])
@@ -324,9 +311,8 @@ def shade(  # type: ignore[no-untyped-def]
         for begin in range(left // samples, right // samples, pixels):
             end = min(right // samples, begin + pixels)
             n = chosen(row, begin, end, samples, ids, depth, sheer, xs, ys, ts, counts, batch)
-            interpolated(n, xs, ys, ts, depth, triangles, vertices, spreads, batch)
+            interpolated(n, xs, ys, ts, depth, screen, points, normals, colours, uvs, triangles, spreads, batch)
             illuminated(n, camera, to_light, look, batch)
-            shadowed(n, ts, shadow, glosses, batch)
-            painted(n, ts, pictures, texels, table, to_linear, batch)
+            painted(n, ts, shadow, glosses, pictures, texels, table, to_linear, batch)
             summed(n, look, batch)
             mixed(row, begin, end, samples, counts, batch, tone, image)
