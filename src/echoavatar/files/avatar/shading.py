@@ -192,7 +192,7 @@ def summed(n, look, batch):  # type: ignore[no-untyped-def]
 @kernel(fastmath=True, inline="always")
 def toned(place, tone):  # type: ignore[no-untyped-def]
     """Look a place up in the tone curve; it need not be finite."""
-    return F(tone[U(min(4095, max(0, np.int32(place))))])
+    return F(tone[U(min(4095, max(0, int(place))))])
 
 
 @kernel(fastmath=True, inline="always")
