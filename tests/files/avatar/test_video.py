@@ -38,7 +38,7 @@ def test_picture_and_sound_have_the_same_length_and_rate(
 
 
 def test_the_encoder_does_not_count_cores(tmp_path: Path) -> None:
-    """The file is the same on every machine; x264 writes its settings into it."""
+    """Nor does the file depend on their number; x264 writes its settings into it."""
     path = tmp_path / "clip.mp4"
     write_film(path, standing(2), np.zeros(1600, np.float32), shot=Shot((32, 32), samples=1))
     assert b" threads=1 " in path.read_bytes()
