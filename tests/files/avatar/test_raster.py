@@ -47,6 +47,25 @@ def test_whatever_the_coordinates_nothing_is_written_beside_the_box() -> None:
         assert (array == 7).all()
 
 
+def test_backs_are_left_out_only_where_all_of_them_is_hidden() -> None:
+    """Slanting two-sided triangles before, in and behind a wall: each drawn alone, the nearest is seen."""
+    random = np.random.default_rng(1)
+    places = random.uniform(0, 60, (300, 1, 2)) + random.normal(0, 8, (300, 3, 2))
+    screen = np.concatenate([places, random.uniform(0.3, 0.7, (300, 3, 1))], 2).astype(np.float32).reshape(-1, 3)
+    screen[:3] = [[-90, -90, 0.5], [-90, 190, 0.5], [190, -90, 0.5]]
+    triangles, both, none = np.arange(900, dtype=np.uint32).reshape(300, 3), np.ones(300, bool), np.full(300, -1)
+    texels, table = np.zeros((1, 4), np.uint8), np.ones((1, 2, 3), np.int64)
+
+    def drawn(some: np.ndarray) -> np.ndarray:
+        depth, ids = np.zeros((60, 60), np.float32), np.zeros((60, 60), np.int32)
+        rest = (np.zeros((900, 2), np.float32), both, none.astype(np.int32), ~both, texels, table)
+        raster.visible(screen, some, depth, ids, (0, 0, 60, 60), *rest)
+        return depth
+
+    alone = np.max([drawn(triangles[i : i + 1]) for i in range(300)], 0)
+    np.testing.assert_array_equal(drawn(triangles), alone)
+
+
 def test_a_cut_out_is_seen_from_behind_and_only_where_its_picture_is() -> None:
     screen = [[0, 0, 0.5], [20, 0, 0.5], [0, 20, 0.5]]
     assert (_visible(screen, [[0, 1, 2]], [False], [255, 0]) == -1).all()

@@ -1,8 +1,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar import load_character, render
 from echoavatar.files.avatar.character import Texels
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
 
@@ -83,6 +84,40 @@ def test_a_body_casts_a_shadow_on_the_floor() -> None:
     empty = Renderer(96, 96, camera=camera).draw(far).astype(int)
     darker = (near.sum(2) < empty.sum(2) - 25) & ~np.apply_along_axis(is_red, 2, near)
     assert darker.sum() > 100
+
+
+def test_the_floor_is_darkened_only_between_the_columns_that_its_shadow_reaches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With all of the floor looked at there is nothing more to see; light falls from the right and the front."""
+    camera = Camera(position=(0.0, 3.0, 6.0), target=(0.0, 0.0, -0.5), field_of_view=0.9)
+    renderer = Renderer(128, 96, camera=camera)
+    picture = renderer.draw(square()).astype(int)
+    left, top, right, bottom = renderer.drawn[0]
+    assert right - left < 100
+    monkeypatch.setattr(render, "SPREAD_METRES", np.float32(9))
+    assert np.abs(Renderer(128, 96, camera=camera).draw(square()) - picture).max() <= 1
+    darker = picture.sum(2) < renderer.empty.astype(int).sum(2) - 25
+    assert darker[top:bottom, left:right].sum() > 40
+
+
+def test_a_row_of_more_samples_than_are_lit_at_once_has_no_seam() -> None:
+    """Steps of brightness from column to column stay below two."""
+    picture = Renderer(640, 64, camera=Camera((0.0, 1.1, 0.9), (0.0, 1.1, 0.0), 0.1), samples=3).draw(square())
+    assert is_red(picture[32, 0])
+    assert np.abs(np.diff(picture[32].astype(int), axis=0)).max() < 2
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -1e30])
+def test_damaged_normals_and_places_draw_a_picture_all_the_same(odd: float) -> None:
+    """Tables are not read beside their ends, and nothing is written beside the picture."""
+    surface = square()
+    normals, points = surface.normals.copy(), surface.points.copy()
+    normals[1:3], points[2, 0] = odd, odd
+    for damaged in (replace(surface, normals=normals), replace(surface, points=points)):
+        with np.errstate(invalid="ignore", over="ignore"):
+            picture = Renderer(64, 64, camera=CAMERA).draw(damaged)
+        np.testing.assert_array_equal(picture[0, :8], Renderer(64, 64).empty[0, :8])
 
 
 def test_supersampling_smooths_edges() -> None:

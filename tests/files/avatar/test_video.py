@@ -37,6 +37,13 @@ def test_picture_and_sound_have_the_same_length_and_rate(
     assert np.abs(sound).max() > 0.5
 
 
+def test_the_encoder_does_not_count_cores(tmp_path: Path) -> None:
+    """Nor does the file depend on their number; x264 writes its settings into it."""
+    path = tmp_path / "clip.mp4"
+    write_film(path, standing(2), np.zeros(1600, np.float32), shot=Shot((32, 32), samples=1))
+    assert b" threads=1 " in path.read_bytes()
+
+
 def test_the_character_stands_in_the_picture() -> None:
     picture = next(film(standing(1), shot=Shot((96, 160), samples=1)))
     background = picture[:20].reshape(-1, 3).astype(int)

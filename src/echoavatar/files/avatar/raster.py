@@ -9,7 +9,9 @@ import numpy as np
 from echoavatar.nn.kernels import kernel
 
 F = np.float32
+U = np.uint64  # unsigned, or each index is asked whether it counts from the end
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
+TILE = U(8)  # samples
 FAR, TINY = F(1e6), F(1e-9)
 REPEATS = F(64.0)  # a picture repeats at most so often to the left or above
 
@@ -111,58 +113,97 @@ def repeated(place):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=True)
+def farthest(depth, box, tiles):  # type: ignore[no-untyped-def]
+    """Fill `tiles` with the least nearness in each whole square of `TILE` samples in `box`."""
+    left, top, right, bottom = U(box[0]), U(box[1]), U(box[2]), U(box[3])
+    for row in range((bottom - top) // TILE):
+        for column in range((right - left) // TILE):
+            y, x, least = top + TILE * row, left + TILE * column, FAR
+            for i in range(TILE):
+                for j in range(TILE):
+                    least = min(least, depth[y + i, x + j])
+            tiles[row, column] = least
+
+
+@kernel(fastmath=True, inline="always")
+def is_hidden(near, left, top, right, bottom, tiles):  # type: ignore[no-untyped-def]
+    """Whether all that is drawn already in a box is nearer."""
+    for row in range(U(top) // TILE, U(bottom - 1) // TILE + U(1)):
+        for column in range(U(left) // TILE, U(right - 1) // TILE + U(1)):
+            if near > tiles[row, column]:
+                return False
+    return True
+
+
+@kernel(fastmath=True)
 def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, sheer, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
+
+    Backs come last: most are inside the body, behind what is drawn already.
 
     `two_sided` (f) triangles are seen from both sides. `cutouts` (f) names the picture whose alpha of a half or more is
     seen alone, or is -1. A `sheer` (f) one is seen in as many of four neighbouring samples as its alpha says.
     """
     left, top, right, bottom = box
+    if left >= right or top >= bottom:
+        return
     depth[top:bottom, left:right] = ZERO
     ids[top:bottom, left:right] = -1
-    for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
-        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        if area == ZERO or (area > ZERO and not two_sided[t]):  # y points down: triangles that face us turn left
-            continue
-        za, zb, zc = screen[a, 2], screen[b, 2], screen[c, 2]
-        if min(za, zb, zc) <= ZERO:
-            continue
-        first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), left, right)
-        low, under = centres(min(ay, by, cy), max(ay, by, cy), top, bottom)
-        if first >= behind or low >= under:
-            continue
-        u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
-        lu, ru = border(u, du, eu)
-        lv, rv = border(v, dv, ev)
-        lw, rw = border(ONE - u - v, -du - dv, -eu - ev)
-        nearness = zc + u * (za - zc) + v * (zb - zc)
-        across, down = du * (za - zc) + dv * (zb - zc), eu * (za - zc) + ev * (zb - zc)
-        picture = cutouts[t]
-        start, wide, tall = 0, 1, 1
-        if picture >= 0:
-            start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
-        for row in range(low, under):
-            r = F(row - low)
-            begin, end = span(r, behind - first, (lu, lv, lw), (ru, rv, rw))
-            near = nearness + r * down + F(begin) * across
-            for k in range(begin, end):
-                column = first + k
-                if near > depth[row, column]:
-                    is_clear = False
-                    if picture >= 0:
-                        p, q = u + r * eu + F(k) * du, v + r * ev + F(k) * dv
-                        o = ONE - p - q
-                        i = int(repeated(p * uvs[a, 0] + q * uvs[b, 0] + o * uvs[c, 0]) * F(wide))
-                        j = int(repeated(p * uvs[a, 1] + q * uvs[b, 1] + o * uvs[c, 1]) * F(tall))
-                        texel = start + min(tall - 1, max(0, j)) * wide + min(wide - 1, max(0, i))
-                        least = 32 + 64 * (2 * (row & 1) + (column & 1)) if sheer[t] else 128
-                        is_clear = texels[texel, 3] < least
-                    if not is_clear:
-                        depth[row, column] = near
-                        ids[row, column] = t
-                near += across
+    tiles = np.zeros((U(bottom - top) // TILE + U(1), U(right - left) // TILE + U(1)), np.float32)
+    late, others = np.empty(triangles.shape[0], np.uint32), U(0)
+    for is_late in range(2):
+        if is_late:
+            farthest(depth, box, tiles)
+        for i in range(others if is_late else U(triangles.shape[0])):
+            t = U(late[i]) if is_late else i
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
+            area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+            if area == ZERO or (area > ZERO and not two_sided[t]):  # y points down: triangles that face us turn left
+                continue
+            if not is_late and area > ZERO:
+                late[others] = t
+                others += U(1)
+                continue
+            za, zb, zc = screen[a, 2], screen[b, 2], screen[c, 2]
+            if min(za, zb, zc) <= ZERO:
+                continue
+            first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), left, right)
+            low, under = centres(min(ay, by, cy), max(ay, by, cy), top, bottom)
+            if first >= behind or low >= under:
+                continue
+            if is_late and is_hidden(max(za, zb, zc), first - left, low - top, behind - left, under - top, tiles):
+                continue
+            u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
+            lu, ru = border(u, du, eu)
+            lv, rv = border(v, dv, ev)
+            lw, rw = border(ONE - u - v, -du - dv, -eu - ev)
+            nearness = zc + u * (za - zc) + v * (zb - zc)
+            across, down = du * (za - zc) + dv * (zb - zc), eu * (za - zc) + ev * (zb - zc)
+            picture = cutouts[t]
+            start, wide, tall = 0, 1, 1
+            if picture >= 0:
+                start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
+            for row in range(low, under):
+                r = F(row - low)
+                begin, end = span(r, behind - first, (lu, lv, lw), (ru, rv, rw))
+                near = nearness + r * down + F(begin) * across
+                for k in range(begin, end):
+                    column = first + k
+                    if near > depth[row, column]:
+                        is_clear = False
+                        if picture >= 0:
+                            p, q = u + r * eu + F(k) * du, v + r * ev + F(k) * dv
+                            o = ONE - p - q
+                            i = int(repeated(p * uvs[a, 0] + q * uvs[b, 0] + o * uvs[c, 0]) * F(wide))
+                            j = int(repeated(p * uvs[a, 1] + q * uvs[b, 1] + o * uvs[c, 1]) * F(tall))
+                            texel = start + min(tall - 1, max(0, j)) * wide + min(wide - 1, max(0, i))
+                            least = 32 + 64 * (2 * (row & 1) + (column & 1)) if sheer[t] else 128
+                            is_clear = texels[texel, 3] < least
+                        if not is_clear:
+                            depth[row, column] = near
+                            ids[row, column] = t
+                    near += across
 
 
 @kernel(fastmath=True)

@@ -23,6 +23,7 @@ SHADOW_TEXELS = 512
 SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
+SPREAD_METRES = np.float32(0.25)  # from the body to the end of its shadows' soft edges
 MATT = 0.7  # skin that is rougher is painted hair
 Box = tuple[int, int, int, int]  # pixels: left, top, and right, bottom, which are not included
 NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
@@ -59,6 +60,13 @@ class Paint:
     sheer: Bool[np.ndarray, " f"]  # whether a cutout shows through where it is less than opaque
     glosses: Float[np.ndarray, "f 2"]
     texels: Texels
+
+    @cached_property
+    def spreads(self) -> Float[np.ndarray, " f"]:
+        """Twice the texels of its picture that lie on each triangle."""
+        sides = np.diff(self.uvs[self.triangles], axis=1)
+        texels = np.append(self.texels.table[:, 0, 1:].prod(1), 0)[self.pictures]
+        return np.asarray(np.abs(np.linalg.det(sides)) * texels, np.float32)
 
     @classmethod
     def of(cls, character: Character) -> "Paint":
@@ -171,30 +179,10 @@ class Renderer:
             self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, paint.sheer, *texels
         )
         shading.shade(
-            self._screen,
-            points,
-            normals,
-            paint.colours,
-            paint.triangles,
-            self._ids,
-            self._depth,
-            box,
-            self.samples,
-            place,
-            rays,
-            to_light,
-            self._shadow,
-            look,
-            self._tone,
-            image,
-            paint.uvs,
-            paint.pictures,
-            paint.glosses,
-            paint.sheer,
-            texels.values,
-            texels.table,
-            _LINEAR,
-        )
+            self._screen, points, normals, paint.colours, paint.uvs, paint.triangles, self._ids, self._depth, box,
+            self.samples, place, to_light, self._shadow, look, self._tone, image, paint.pictures, paint.spreads,
+            paint.glosses, paint.sheer, texels.values, texels.table, _LINEAR,
+        )  # fmt: skip
         return image
 
     def _draw_shadow(
@@ -207,17 +195,19 @@ class Renderer:
     ) -> Box:
         """Darken the floor around the places that the body's shadow can reach; returns the box around them, pixels."""
         middle, contact_map = self._touch(points)
-        low, high = self._bounds[2, 0] - 0.25, self._bounds[2, 1] + 0.25
+        low, high = self._bounds[2, 0] - SPREAD_METRES, self._bounds[2, 1] + SPREAD_METRES
         corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)
         seen = np.zeros_like(corners)
         self._project(corners, seen)
         is_anywhere = bool((seen[:, 2] <= 0).any())  # a corner is behind the camera
         box = (0, 0, self.width, self.height) if is_anywhere else self._pixels(self._box(seen))
-        shading.floor_shadow(
-            image, box, self.samples, place, rays, middle, to_light, self._shadow, self._contact, contact_map,
+        margin = SPREAD_METRES * np.linalg.norm(to_light[0, :3])
+        reach = self._light[:, 0].min() - margin, self._light[:, 0].max() + margin
+        left, right = shading.floor_shadow(
+            image, box, self.samples, place, rays, middle, to_light, reach, self._shadow, self._contact, contact_map,
             self._strength,
         )  # fmt: skip
-        return box
+        return left, box[1], right, box[3]
 
     def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Fill the contact shadow; returns the body's middle on the floor, and the map from metres to cells."""
