@@ -108,6 +108,10 @@ def test_a_row_of_more_samples_than_are_lit_at_once_has_no_seam() -> None:
     assert np.abs(np.diff(picture[32].astype(int), axis=0)).max() < 2
 
 
+def test_a_pixel_of_more_samples_than_are_lit_at_once_is_drawn() -> None:
+    assert is_red(Renderer(8, 8, camera=CAMERA, samples=24).draw(square())[4, 4])
+
+
 @pytest.mark.parametrize("odd", [np.nan, np.inf, -1e30])
 def test_damaged_normals_and_places_draw_a_picture_all_the_same(odd: float) -> None:
     """Tables are not read beside their ends, and nothing is written beside the picture."""

@@ -304,9 +304,10 @@ def shade(  # type: ignore[no-untyped-def]
     """
     samples = U(samples)
     left, top, right, bottom = U(box[0]), U(box[1]), U(box[2]), U(box[3])
-    xs, ys, ts = np.empty(BATCH, np.uint32), np.empty(BATCH, np.uint32), np.empty(BATCH, np.uint32)
-    batch, counts = np.empty((ROWS, BATCH), np.float32), np.empty(BATCH, np.int32)
-    pixels = U(BATCH) // (samples * samples)
+    size = max(U(BATCH), samples * samples)
+    xs, ys, ts = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.uint32)
+    batch, counts = np.empty((ROWS, size), np.float32), np.empty(size, np.int32)
+    pixels = size // (samples * samples)
     for row in range(top // samples, bottom // samples):
         for begin in range(left // samples, right // samples, pixels):
             end = min(right // samples, begin + pixels)
