@@ -12,6 +12,8 @@ CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.re
 # The functions in test_kernels.py have no annotations to check.
 SHAPED = tests/test_shapes.py tests/laws tests/nn lab/tests/nn lab/tests/models/test_quantize.py lab/tests/models/test_tokens.py \
     --ignore tests/nn/test_kernels.py
+# One thread a worker; what the many child processes import is compiled once.
+TESTED = env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1
 # How uv installs the lowest versions; the CPU build of torch where its index answers.
 LOWEST = --python .venv-lowest --resolution lowest-direct $(if $(CPU_TORCH),--torch-backend cpu)
 # Packages of their own beside the main one.
@@ -27,8 +29,8 @@ test: .venv-test/ready
 	.venv-test/bin/ruff format --check .
 	.venv-test/bin/mypy
 	.venv-test/bin/lint-imports
-	OMP_NUM_THREADS=1 .venv-test/bin/pytest -n auto
-	OMP_NUM_THREADS=1 CHECK_SHAPES=1 .venv-test/bin/pytest -n auto $(SHAPED)
+	$(TESTED) .venv-test/bin/pytest -n auto
+	$(TESTED) CHECK_SHAPES=1 .venv-test/bin/pytest -n auto $(SHAPED)
 
 # Builds every distribution, installs each alone and tries it outside the checkout; uploads nothing.
 release-check:

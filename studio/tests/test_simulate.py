@@ -22,6 +22,7 @@ def expected(gap: float) -> float:
     return float((np.clip(np.rint(gap + grid), -2, 2) * weight).sum() / weight.sum())
 
 
+@pytest.mark.slow
 def test_known_preferences_are_recovered_within_the_interval(maker: Maker, library):
     study = canned.make_pairwise(maker, library, raters=20, tasks_per_rater=12)
     preferences = Preferences(worth=WORTH, noise=NOISE, of_question={"beat_matching": 0.5})
@@ -54,6 +55,7 @@ def test_known_preferences_are_recovered_within_the_interval(maker: Maker, libra
     assert rf"${dance['human_likeness'].mean:.3f} \pm {dance['human_likeness'].half:.3f}$" in alpha
 
 
+@pytest.mark.slow
 def test_careless_raters_fail_checks_and_leave_the_results_when_excluded(maker: Maker, library):
     shape = {"raters": 12, "tasks_per_rater": 12, "checks": {"identical": 3, "corrupted": 3}}
     study = canned.make_pairwise(maker, library, **shape)

@@ -19,6 +19,7 @@ ROOMS = (
 )
 ELSEWHERE = "echoavatar_lab.models.tokenizer.variants"  # its own test holds them to the laws
 NAMED = {f"{owner.__name__} {name}".strip(): case for owner, cases in CASES.items() for name, case in cases.items()}
+SLOW = {"ExportedStep of a codec", "ExportedStep of a decoder"}  # an ear is exported in each run
 
 
 def modules() -> Iterator[ModuleType]:
@@ -72,7 +73,10 @@ def test_a_new_streaming_class_is_noticed() -> None:
     assert "echoavatar.nn.new.Forgotten: add a case to CASES" in without_case({Forgotten, CausalBlock})
 
 
-@pytest.mark.parametrize("case", NAMED.values(), ids=NAMED)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, id=name, marks=[pytest.mark.slow] if name in SLOW else []) for name, case in NAMED.items()],
+)
 @torch.no_grad()
 def test_the_five_laws_hold(case: Case) -> None:
     hold(case.stream(), case.make, unit=case.unit, cuts=case.cuts, atol=case.atol)

@@ -159,6 +159,7 @@ async def test_unity_is_sent_whole_messages(in_threes: Path, voice: np.ndarray) 
     np.testing.assert_allclose(np.array(got[1]["audio"]), voice[STEP : 2 * STEP], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_benches_count_in_its_chunks(pipeline: Pipeline, in_threes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sessions_bench, "WARM_UP_CHUNKS", 1)
     report = bench_stream(pipeline, seconds=0.8)

@@ -61,6 +61,7 @@ def test_what_is_known_of_a_track_lies_on_the_frames_of_the_codes() -> None:
     assert sound.events[:, 1].sum() == pytest.approx(sum(s.prominence >= 0.45 for s in track.syllables), abs=1)
 
 
+@pytest.mark.slow
 def test_a_reader_finds_what_the_codes_say_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
 

@@ -108,7 +108,8 @@ def real_stages(pieces: int) -> dict[str, TrainingTask]:
     }
 
 
-@pytest.mark.parametrize("how", ["shared", pytest.param("sharded", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["shared", "sharded"])
 def test_two_processes_share_the_trajectory_of_one(tmp_path, how):
     """Two processes with two pieces each, against whole batches; one goes on with what two saved.
 

@@ -34,7 +34,7 @@ def test_reading_in_any_parts_gives_the_logits_of_the_model(cuts):
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
-@pytest.mark.parametrize("is_steered", [False, True])
+@pytest.mark.parametrize("is_steered", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_captured_step_draws_the_codes_of_plain_calls(sequence, is_steered):
     """Five chunks, in which rows pause; what stands for the CUDA graph is the recorded operations (see `trace`)."""
     model = generator(sequence=sequence, exemplar=True, temperature=0.7, top_p=0.9)

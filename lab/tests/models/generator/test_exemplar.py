@@ -101,6 +101,7 @@ def clip_arrays(seed, chunks=24):
     return sound, motion, np.ones(2 * chunks, np.uint8)
 
 
+@pytest.mark.slow
 def test_trained_control_steers_and_lets_go(tmp_path):
     """After a short training the codes drawn come mostly from a set that is told, and no longer when it is not."""
     clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]

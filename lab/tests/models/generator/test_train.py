@@ -218,6 +218,7 @@ def test_in_stage_one_only_the_embeddings_learn_and_the_streams_get_likelier(tmp
         assert curve[-1] < 0.6 * curve[0]
 
 
+@pytest.mark.slow
 def test_only_a_generator_that_hears_ahead_foretells_what_a_later_sound_decides(tmp_path):
     """Each chunk moves to the next chunk's audio code: its first code is guesswork live, known one chunk ahead."""
     made = [TokenClip(c.audio[:-20], c.motion[2:], c.domain[2:]) for c in clips(20, 13)]

@@ -81,8 +81,12 @@ def worlds_of(locals_: dict[int, Array], parents: dict[int, int]) -> Float[Array
 
 def unscaled(matrix: Float[Array, "*n 4 4"]) -> Float[Array, "*n 3 3"]:
     """The axes of a node, at right angles and of length 1; mirrored where its matrix mirrors."""
-    u, _, v = np.linalg.svd(matrix[..., :3, :3])
-    axes: Array = u @ v
+    axes: Array = matrix[..., :3, :3]
+    with np.errstate(all="ignore"):  # a length of 0
+        axes = axes / np.linalg.norm(axes[..., :1], axis=-2, keepdims=True)
+        is_skew = ~(np.abs(axes.swapaxes(-1, -2) @ axes - np.eye(3)) < 1e-6).all((-2, -1))
+    u, _, v = np.linalg.svd(matrix[is_skew, :3, :3])
+    axes[is_skew] = u @ v
     return axes
 
 
