@@ -6,6 +6,7 @@ import pytest
 from echoavatar.files.avatar import load_character, render
 from echoavatar.files.avatar.character import Texels
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
+from echoavatar.files.avatar.shading import softened
 
 
 def square(z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.0), flip: bool = False) -> Surface:
@@ -75,6 +76,14 @@ def test_a_cut_out_picture_is_seen_from_both_sides_where_it_is_opaque() -> None:
         picture = Renderer(64, 64, camera=CAMERA).draw(surface)
         assert is_red(picture[25, 32])
         assert not is_red(picture[40, 32])
+
+
+def test_a_shadow_of_contact_is_softened_by_means_of_nine_cells_thrice() -> None:
+    cells = np.random.default_rng(0).random((40, 40)).astype(np.float32)
+    mean = np.linalg.matrix_power((np.abs(np.subtract.outer(np.arange(40), np.arange(40))) <= 4) / 9, 3)
+    wanted = mean @ cells @ mean
+    softened(cells)
+    np.testing.assert_allclose(cells, wanted, atol=1e-5)
 
 
 def test_a_body_casts_a_shadow_on_the_floor() -> None:

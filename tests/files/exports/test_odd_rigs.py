@@ -10,9 +10,11 @@ from tests.files.exports.moving import clapping
 from tests.files.exports.odd import Odd, _matrix, _turn, bvh, glb
 from tests.files.exports.odd_rigs import TOLERANCE, outcomes, places_in, tried
 from tests.motion.formats.test_gltf_rig import spoilt
+from tests.motion.kinematics import naming
 from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError
+from echoavatar.files.avatar.gltf import container
 from echoavatar.files.exports import Take, read_rig, write_take
 from echoavatar.motion.formats.gltf_data import read_chunks
 from echoavatar.motion.kinematics import HUMANOID, Skeleton
@@ -190,6 +192,26 @@ def test_animations_and_a_second_body_are_left_out_aloud(
     assert "1 animations are left out" in caplog.text
     document = read_chunks(tmp_path / "b.glb").document
     assert max(channel["target"]["node"] for channel in document["animations"][0]["channels"]) < second
+
+
+def test_the_head_of_a_wig_is_not_the_bodys(take: Take, tmp_path: Path) -> None:
+    """Both skins lie under one node, and the names of the wig's joints fit better than a Rigify body's."""
+    body = naming.body(*naming.every_body()["Rigify"]).skeleton.config
+    names = ["all", *body.names, "wig", "Head", "hair1"]
+    count = len(body.names)
+    parents = [-1, *(parent + 1 for parent in body.parents), 0, count + 1, count + 2]
+    places = [(0, 0, 0), *body.offsets, (0, 1.5, 0), (0, 0.1, 0), (0, 0.1, 0)]
+    nodes = [
+        {"name": name, "translation": [float(x) for x in place]} for name, place in zip(names, places, strict=True)
+    ]
+    for node, entry in enumerate(nodes):
+        if children := [child for child, parent in enumerate(parents) if parent == node]:
+            entry["children"] = children
+    skins = [{"joints": list(range(1, count + 1))}, {"joints": list(range(count + 1, count + 4))}]
+    document = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0, "nodes": nodes, "skins": skins}
+    (tmp_path / "a.glb").write_bytes(container(document, b""))
+    skeleton = read_rig(tmp_path / "a.glb").skeleton
+    assert [skeleton.names[skeleton.config.vrm[bone]] for bone in ("hips", "head")] == ["DEF-spine", "DEF-spine.006"]
 
 
 def test_feet_that_slide_more_than_the_sources_are_named(caplog: pytest.LogCaptureFixture) -> None:

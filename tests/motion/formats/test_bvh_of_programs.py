@@ -15,6 +15,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import resample
+from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 
 FRAMES = 4
 PERSON = swaying(FRAMES)
@@ -332,13 +333,20 @@ def test_angles_in_radians_are_taken_for_these(
     assert "its angles are taken for radians" in caplog.text
 
 
-@pytest.mark.parametrize("what", ["nobody moves", "the arms hang at rest", "somebody would fall"])
+@pytest.mark.parametrize("what", ["nobody moves", "the arms hang at rest", "somebody would fall", "a T-pose sways"])
 def test_angles_that_may_be_radians_are_told(
     what: str, in_radians: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     text = in_radians
     if what == "somebody would fall":
         text = in_rows(text, lambda row: " ".join([*row[:5], "2.9", *row[6:]]) + "\n")
+    elif what == "a T-pose sways":
+        axes = np.zeros((60, HUMANOID.joints, 3))
+        axes[..., 2] = np.radians(0.4) * np.sin(np.linspace(0, 6, 60))[:, None]
+        axes[:, [HUMANOID.index("leftUpperArm"), HUMANOID.index("rightUpperArm")]] *= 6
+        root = np.tile(HUMANOID.rest_positions[0], (60, 1)).astype(np.float32)
+        write_bvh(tmp_path / "b.bvh", HUMANOID, quaternion_from_axis_angle(axes).astype(np.float32), root, 30)
+        text = (tmp_path / "b.bvh").read_text()
     elif what == "nobody moves":
         head, table = rows(text)
         text = head + (" ".join(table[1]) + "\n") * FRAMES

@@ -1,5 +1,7 @@
 """What names of joints say, one by one."""
 
+import time
+
 import pytest
 
 from echoavatar.motion.kinematics.joint_words import read_name, read_names
@@ -49,3 +51,9 @@ def test_words_beside_many_parts_label_the_rig():
 @pytest.mark.parametrize("names", [["x" * 4096, "l" * 4096], ["left" * 60, "ハ゛" * 200], ["", ":"], ["\ud800", "١٢٣"]])
 def test_names_without_end_or_sense_are_read_at_once(names):
     assert all(not said.part for said in read_names(names))
+
+
+def test_long_names_of_separators_are_read_at_once():
+    began = time.process_time()
+    assert read_names([f"{number}{'_' * 20_000}" for number in range(20)])
+    assert time.process_time() - began < 2

@@ -99,6 +99,7 @@ class Avatar:
         self.epoch = 0
         self._url, self._hello = url, hello
         self._socket: ClientConnection | None = None
+        self._closing: asyncio.Task[None] | None = None
         self._utterances = UtteranceQueue(hello.audio)
         self._ids = (f"py-{number}" for number in itertools.count(1))
         self._opened_at = 0.0  # by the loop's clock
@@ -188,7 +189,14 @@ class Avatar:
             ProtocolError: the server refused the session, or sent a message that is not valid.
         """
         assert self._socket is not None
-        message = decode_server(await self._socket.recv(decode=False))
+        try:
+            data = await self._socket.recv(decode=False)
+        except ConcurrencyError:
+            if self._closing is None:
+                raise
+            await asyncio.shield(self._closing)  # `close` reads what is left
+            data = await self._socket.recv(decode=False)
+        message = decode_server(data)
         match message:
             case Error(fatal=True) if CLOSE_CODES[message.code] not in _RECONNECT_CODES:
                 raise ProtocolError(message.code, message.message, retry_after=message.retry_after)
@@ -234,11 +242,11 @@ class Avatar:
     async def close(self) -> None:
         """Close the connection; the session ends."""
         if self._socket is not None:
-            closing = asyncio.create_task(self._socket.close())
+            self._closing = asyncio.create_task(self._socket.close())
             with suppress(ConnectionClosed, ConcurrencyError):  # where somebody else reads, nothing is left unread
                 while True:  # the library stops reading before unread messages; the farewell is behind them
                     await self._socket.recv(decode=False)
-            await closing
+            await self._closing
 
     async def keep_alive(self) -> None:
         """Ping as often as the server asks for, until cancelled."""

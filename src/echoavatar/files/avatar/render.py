@@ -142,8 +142,6 @@ class Renderer:
             self.empty = np.zeros((height, width, 4), np.uint8)
         self.drawn: tuple[Box, ...] = ((0, 0, width, height),)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
-        near = np.abs(np.subtract.outer(np.arange(CONTACT_CELLS), np.arange(CONTACT_CELLS))) <= 4
-        self._softer = np.linalg.matrix_power(near / np.float32(9), 3)  # means of nine cells, thrice
         self._strength = np.array(self._backdrop.shadow, np.float32)
         self._tone = tone_curve()
         self._bounds = np.zeros((3, 2, 3), np.float32)
@@ -215,7 +213,7 @@ class Renderer:
         scale = CONTACT_CELLS / CONTACT_METRES
         contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
         shading.nearness(points, self._contact, contact_map)
-        self._contact[:] = self._softer @ self._contact @ self._softer
+        shading.softened(self._contact)
         return middle, contact_map
 
     @property

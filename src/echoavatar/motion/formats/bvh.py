@@ -44,7 +44,7 @@ from .reading import reading
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
-_ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"))
+_ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"), ("rightUpperArm", "rightLowerArm"))
 _STANDING = (("hips", "head"), ("leftUpperLeg", "leftFoot"), ("rightUpperLeg", "rightFoot"))
 _ALONG, _MOVING = 0.5, 0.05  # cosine of ways that go along each other; radians: of somebody who moves
 _ASSUMED_HZ = 30.0
@@ -334,7 +334,8 @@ def _in_degrees(joints: list[_Joint], frames: _Frames, notes: list[str]) -> _Fra
     bones, poses = known_bones(motion.skeleton), np.stack([motion.skeleton.rest_positions, *motion.pose().positions])
     if all(bone in bones for way in (*_ARMS, *_STANDING) for bone in way) and np.ptp(angles, axis=0).max() > _MOVING:
         arms, stands = ([unit(poses[:, bones[b]] - poses[:, bones[a]]) for a, b in ways] for ways in (_ARMS, _STANDING))
-        if min(arms[0][0] @ arms[1][0], *((way[1:] @ way[0]).mean() for way in stands)) > _ALONG:
+        hanging = min(-(way[1:] @ stands[0][0]).mean() for way in arms[1:])  # no arm of a T-pose that sways
+        if min(arms[0][0] @ arms[1][0], hanging, *((way[1:] @ way[0]).mean() for way in stands)) > _ALONG:
             notes.append("its angles are taken for radians")
             return turned
     notes.append("no angle is above 6.28 degrees; if they are radians, write degrees")

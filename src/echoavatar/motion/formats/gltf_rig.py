@@ -201,6 +201,13 @@ def _rig(
     places = worlds[nodes, :3, 3] * [-1 if is_mirrored else 1, 1, 1]
     tree = Tree(names, [slot.get(parents[node], -1) for node in nodes], places)
     bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
+    if not (mapped or given):  # a wig beside a body is no head of it
+        tops = [joint for joint, node in enumerate(nodes) if node in joints and not joints & {*above(parents, node)}]
+        parts = sorted((sorted(tree.below(top)) for top in tops), key=len, reverse=True)
+        for part in parts if len(parts) > 1 else ():
+            if len(part) >= len(REQUIRED) and (found := find_bones(tree.only(part))).keys() >= set(REQUIRED):
+                bones = {bone: part[joint] for bone, joint in found.items()}
+                break
     check_bones(names, bones)
     hips = bones["hips"]
     own = {joint: index for index, joint in enumerate(sorted(tree.below(hips)))}
@@ -210,8 +217,8 @@ def _rig(
     others = [joint for joint in range(len(nodes)) if joint not in taken]
     if others and not (mapped or given) and find_bones(tree.only(others)).keys() >= set(REQUIRED):
         notes.append(f"it holds several characters; the one with the hips {names[hips]!r} is read")
-    found = {bone: own[joint] for bone, joint in bones.items() if joint in own}
-    return [nodes[joint] for joint in own], found, tuple(names[joint] for joint in own)
+    kept_bones = {bone: own[joint] for bone, joint in bones.items() if joint in own}
+    return [nodes[joint] for joint in own], kept_bones, tuple(names[joint] for joint in own)
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:

@@ -27,7 +27,7 @@ _KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side,
 _KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
 _WORDS = {word: kind for kind, words in _KINDS for word in words.split()}
 _LONGEST = max(map(len, _WORDS))
-_START, _END = re.compile(r"^[^\W_]+[\W_]+(?=\w)"), re.compile(r"(?<=\w)[\W_]+[^\W_]+[\W_]*$")
+_START, _END = re.compile(r"^[^\W_]+[\W_]+(?=\w)"), re.compile(r"(?<=[^\W_])[\W_]+[^\W_]+[\W_]*$")
 _LABELS = (*START_WORDS * (_START,), *END_WORDS * (_END,))
 
 
