@@ -13,7 +13,6 @@ import pytest
 from tests.agents.client.test_recording import READY
 from tests.server.fakes import RunningServer, serving
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.exceptions import ConnectionClosed
 
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import CLOSE_S, Avatar, stream_url
@@ -170,24 +169,34 @@ async def test_what_was_not_read_does_not_hold_up_the_end() -> None:
         assert asyncio.get_running_loop().time() - began < CLOSE_S / 2
 
 
-async def test_whoever_reads_while_the_session_is_closed_is_told_of_the_end() -> None:
+async def test_whoever_reads_while_the_session_is_closed_hears_of_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader handles a message when the closing begins, and asks for the next while it lasts."""
+
     async def answer(socket: ServerConnection) -> None:
         await socket.recv()
         await socket.send(encode(READY))
-        with contextlib.suppress(ConnectionClosed):
-            for at in range(10_000):
-                await socket.send(encode(Sound(at=at, epoch=0, seg=0, pcm=bytes(2))))
-                await asyncio.sleep(0.002)
+        await socket.send(encode(Sound(at=0, epoch=0, seg=0, pcm=bytes(2))))
+        await socket.wait_closed()
+
+    has_one = asyncio.Event()
 
     async def draw(avatar: Avatar) -> None:
         async for _ in avatar:
-            await asyncio.sleep(0.005)
+            has_one.set()
+            await asyncio.sleep(0.1)
 
     async with serve(answer, "127.0.0.1", 0, compression=None) as place:
         port = place.sockets[0].getsockname()[1]
         async with connect(f"http://127.0.0.1:{port}") as avatar:
             drawing = asyncio.create_task(draw(avatar))
-            await asyncio.sleep(0.103)
+            await asyncio.wait_for(has_one.wait(), 5)
+            end = avatar._socket.close
+
+            async def end_slowly() -> None:
+                await asyncio.sleep(0.4)
+                await end()
+
+            monkeypatch.setattr(avatar._socket, "close", end_slowly)
         await asyncio.wait_for(drawing, 5)
 
 
