@@ -20,7 +20,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
 
-SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
+SLOWEST_HZ = 0.1  # least frame rate; with a lower one a short file would last for years
 _SAME_RATE = 3e-4  # share by which a measured rate may miss a whole one
 
 
