@@ -22,7 +22,7 @@ from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 PARTS = 3  # lower body, upper body, hands
-UPPER = 1  # of these, the one whose first layer a directive names
+UPPER = 1  # the part whose first-layer codes a directive may name
 
 
 class TokenLayout(Config):
@@ -32,7 +32,7 @@ class TokenLayout(Config):
     audio_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes in each audio codebook")
     motion_layers: int = Field(default=4, gt=0, le=64, description="RVQ layers Q of each motion tokenizer")
     motion_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes K in each motion codebook")
-    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers beside each other; 1: the body whole")
+    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers, one a body part; 1: the body whole")
     start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
     before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
     before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")

@@ -139,10 +139,10 @@ def is_hidden(near, left, top, right, bottom, tiles):  # type: ignore[no-untyped
 def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, sheer, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
 
-    Backs come last: most are inside the body, behind what is drawn already.
+    Back faces are drawn last: most are inside the body, behind front faces.
 
-    `two_sided` (f) triangles are seen from both sides. `cutouts` (f) names the picture whose alpha of a half or more is
-    seen alone, or is -1. A `sheer` (f) one is seen in as many of four neighbouring samples as its alpha says.
+    `two_sided` (f) triangles are seen from both sides. `cutouts` (f) is the row of the picture that hides a triangle
+    where its alpha is below a half, or -1. A `sheer` (f) one is seen in as many of four samples as its alpha says.
     """
     left, top, right, bottom = box
     if left >= right or top >= bottom:

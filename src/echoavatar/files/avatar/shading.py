@@ -25,7 +25,7 @@ TEXEL, KEY, SHINE, PAINT = POINT, NORMAL, NORMAL + 1, UV
 def lit(u, v, height, shadow):  # type: ignore[no-untyped-def]
     """Share of the key light that reaches a height over a place in texels: 3 x 3 taps of the shadow map.
 
-    Where the corners and the middle of the window agree, they decide alone.
+    If the corners and the middle of the window agree, the other taps are not read.
     """
     size = shadow.shape[0]
     column, row = int(u - HALF), int(v - HALF)
@@ -279,9 +279,9 @@ def floor_shadow(  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True)
 def softened(cells):  # type: ignore[no-untyped-def]
-    """Each of `cells` (n, n) becomes the mean of nine along each axis, thrice. Beside the field all is 0.
+    """Blur `cells` (n, n), thrice: means of nine cells along each axis. Cells beyond the edge count as 0.
 
-    A product of matrices would be shorter, but its threads, which wait for work, take it from those that draw.
+    A matrix product would be shorter, but its idle threads would take processor time from those that draw.
     """
     count, line = cells.shape[0], np.empty(cells.shape[0], np.float32)
     for _ in range(2):

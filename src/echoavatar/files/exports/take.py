@@ -47,7 +47,7 @@ class Take:
 
 
 def read_take(path: Path, given: "JointMap | None" = None, animation: str | None = None) -> Take:
-    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH or glTF, whose bones `given` may name.
+    """The take in a file: an NPZ of `animate`, `say` or SMPL, or a BVH or glTF, for which `given` may map the bones.
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 

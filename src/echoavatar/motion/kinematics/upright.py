@@ -34,7 +34,7 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("tens of metres", 10.0, 1.0, 3.0),
     ("hundreds of metres", 100.0, 1.0, 3.0),
 )
-MIRRORED = "it is mirrored, because its left is on the right of its feet"
+MIRRORED = "it is mirrored, because its left side is on the right where its toes point ahead"
 _TALL = 1.21  # a person's height over the length of trunk, neck, thigh and shin
 _STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the vertical
 _CLEAR = 0.75  # cosine: a direction that belongs to one axis
@@ -207,7 +207,7 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
 def _standing(
     places: Mapping[str, _Vector], across: _Vector, ups: Sequence[tuple[_Turn, _Vector]], *, mirrored: bool = False
 ) -> _Turn:
-    """The matrix to our axes of a body with its left at `across`, by the first of `ups` whose frame has an axis there."""
+    """The matrix to our axes of a body whose left is `across`, by the first of `ups` whose frame has that axis."""
     lefts = [unit(across - (across @ up) * up) for _, up in ups]
     sides = [_nearest(frame, left) for (frame, _), left in zip(ups, lefts, strict=True)]
     best = next((k for k, (side, left) in enumerate(zip(sides, lefts, strict=True)) if side @ left > _TURNED), -1)
