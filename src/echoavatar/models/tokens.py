@@ -8,7 +8,7 @@ only, so predictions are grouped by segment.
 An order says how audio and motion ids share a sequence. `prefix` (paper, Settings): the audio of the whole window, then
 its motion. `depth` (ours; the shipped generator's): the ids of one motion time step after those of another, for a
 generator that reads a time step at once. `interleaved` (ours): start id, then per chunk 40 audio ids and 6 Q motion
-ids; every motion position sees exactly the audio it sees live. The table `layouts` needs it: it shows what one
+ids; every motion position sees exactly the audio it sees live. It serves the lab's table `layouts`, which shows what a
 transformer loses or gains when it does not read the paper's window anew at every step.
 """
 

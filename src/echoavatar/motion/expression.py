@@ -17,7 +17,7 @@ from echoavatar.timing import CHUNK, ChunkSize
 from .arkit import ARKIT_NAMES
 from .feeling import FEELINGS, Feeling
 from .kinematics.easing import smootherstep
-from .motion_chunk import ChunkFade, MotionChunk
+from .motion_chunk import KEPT, ChunkFade, MotionChunk
 
 RISE_S, FALL_S = 0.4, 0.7  # to a mood, and out of it
 RESTING, DANCING = "resting", "dancing"
@@ -85,7 +85,7 @@ class Expression:
         """`feeling` is the share of a mood that a sure feeling of the voice shows; `voice` is what was heard so far."""
         self._chunk, self._feeling, self._voice = chunk, feeling, voice or Feeling()
         self._fades = {RESTING: ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)}
-        self._strengths = {RESTING: 1.0}
+        self._strengths: dict[int, dict[str, float]] = {}  # by chunk, so that a chunk that is made again is the same
 
     def apply(
         self,
@@ -107,14 +107,15 @@ class Expression:
             felt = self._feeling * self._voice.hear(chunk, speech)
         mood = mood if mood in MOODS else RESTING
         self._fades.setdefault(mood, ChunkFade(RISE_S, FALL_S, chunk=self._chunk))
-        self._strengths[mood] = min(strength, 1.3)
+        strengths = self._strengths[chunk] = {**self._strengths.get(chunk - 1, {}), mood: min(strength, 1.3)}
+        self._strengths.pop(chunk - KEPT, None)
         added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
         for each, fade in self._fades.items():
             share = smootherstep(fade.shares(chunk, is_wanted=each == mood))
             if each == RESTING:
                 added = np.maximum(added, share[:, None] * (felt @ _FELT))
                 share = share * (1 - felt.max(1))
-            added = np.maximum(added, (share * self._strengths[each])[:, None] * MOODS[each])
+            added = np.maximum(added, (share * strengths.get(each, 1.0))[:, None] * MOODS[each])
         return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
 
 

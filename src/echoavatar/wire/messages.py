@@ -232,8 +232,8 @@ class Rig(Struct, frozen=True, kw_only=True):
 class Latency(Struct, frozen=True, kw_only=True):
     """Milliseconds from the arrival of a sample to the departure of its motion."""
 
-    algorithm: Annotated[float, Meta(description="a whole chunk must be there")]
-    compute: Annotated[float, Meta(description="one step, measured")]
+    algorithm: Annotated[float, Meta(description="waiting for a whole chunk")]
+    compute: Annotated[float, Meta(description="one step, as measured")]
 
 
 class Limits(Struct, frozen=True, kw_only=True):

@@ -21,10 +21,7 @@ class PageClip(NamedTuple):
 
 
 def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> str:
-    """The page's HTML. All clips share the mesh in `glb` (`gltf.pack_glb`).
-
-    Raises MotionError: a clip names an animation that is not in `glb`.
-    """
+    """The page's HTML. All clips share the mesh in `glb`. Raises MotionError: a clip's animation is not in `glb`."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
     filled = {

@@ -12,7 +12,7 @@ from echoavatar.nn.kernels import kernel
 
 from .raster import HALF, ONE, TINY, ZERO, F, U, repeated
 
-BLUR = F(2.5)  # a sample that covers more texels reads the next smaller picture
+BLUR = F(2.5)  # a sample that covers more texels reads the next mip level
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 BATCH = 496  # samples that are lit at once; of a power of two, rows would lie in the same lines of the cache
 WHOLE = -1  # count of a pixel whose samples are lit as one

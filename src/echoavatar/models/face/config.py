@@ -82,7 +82,7 @@ class FaceConfig(Config):
         default=0,
         ge=0,
         le=2,
-        description="frames by which the face follows the sound, so that the ends of chunks hear what comes (paper: 0)",
+        description="delay of the face in frames, so that the ends of chunks hear what follows (paper: 0)",
     )
     order: ChannelOrder = Field(
         default="live_link", description="of the model's channels; they differ in left and right of jaw and mouth"

@@ -35,7 +35,7 @@ class GeneratorConfig(Config):
         default=0,
         ge=0,
         le=64,
-        description="chunks by which sound is heard before it is due; above 0 offline only, an upper reference",
+        description="chunks of sound after its own that a chunk hears; above 0 offline only, as an upper bound",
     )
     width: int = Field(default=256, gt=0, description="channels of the residual stream")
     layers: int = Field(default=6, gt=0, le=256, description="transformer layers")
@@ -111,7 +111,7 @@ class GeneratorConfig(Config):
         if any(not 0 <= segment < self.layout.segments for segment in self.steered):
             raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
         if self.exemplar and self.layout.parts == 1:
-            raise ValueError("control by exemplars speaks of the upper body, which this body is not split into")
+            raise ValueError("exemplars name codes of the upper body, and this body has no parts")
         if self.control == "prompt" and self.sequence != "prefix":
             raise ValueError("control tokens stand in front of a prompt, so they belong to the prefix order")
         if self.manner and self.sequence != "depth":
