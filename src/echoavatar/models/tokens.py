@@ -115,7 +115,7 @@ class Prefix(SequenceOrder):
 
 
 class Depth(SequenceOrder):
-    """Per motion time step (a frame) its 20 audio ids and its 3 Q motion ids; a position of the backbone is a frame.
+    """Per motion time step (here: a frame) its 20 audio ids and 3 Q motion ids; a position of the backbone is a frame.
 
     Each frame hears its own sound and the motion before it. Hidden states are one per code, frame after frame.
     """

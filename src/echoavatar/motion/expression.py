@@ -107,7 +107,8 @@ class Expression:
             felt = self._feeling * self._voice.hear(chunk, speech)
         mood = mood if mood in MOODS else RESTING
         self._fades.setdefault(mood, ChunkFade(RISE_S, FALL_S, chunk=self._chunk))
-        strengths = self._strengths[chunk] = {**self._strengths.get(chunk - 1, {}), mood: min(strength, 1.3)}
+        before = self._strengths.get(chunk - 1, {})
+        strengths = self._strengths[chunk] = {**before, mood: min(strength, 1.3)}
         self._strengths.pop(chunk - KEPT, None)
         added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
         for each, fade in self._fades.items():
@@ -115,7 +116,9 @@ class Expression:
             if each == RESTING:
                 added = np.maximum(added, share[:, None] * (felt @ _FELT))
                 share = share * (1 - felt.max(1))
-            added = np.maximum(added, (share * strengths.get(each, 1.0))[:, None] * MOODS[each])
+            size = strengths.get(each, 1.0)
+            sizes = np.linspace(before.get(each, size), size, self._chunk.frames + 1)[1:]
+            added = np.maximum(added, (share * sizes)[:, None] * MOODS[each])
         return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
 
 

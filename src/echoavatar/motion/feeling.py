@@ -45,10 +45,10 @@ FARTHEST = 3.0  # deviations from the speaker's mean; more is no surer
 
 _HOP, _WINDOW, _FFT = SAMPLES_PER_FRAME // 2, 1600, 2048  # samples; the window holds four periods of a low voice
 _RATE = 2 * FRAME_RATE_HZ  # hops a second
-_VOICED, _CLEAR = 0.55, 0.65  # of the correlation with the sound a period before: voiced; its pitch is believed
+_VOICED, _CLEAR = 0.55, 0.65  # least correlation with the sound a period before: of voiced hops; of a clear pitch
 LEAST_HOPS = 12  # with a clear pitch, before the statistics mean something
 _OUTLIER, _LEAP = 9.0, 2.0  # semitones off the mean, and from hop to hop, from which on a pitch is an octave error
-_SHORTER, _NEARER = 0.0025, 0.01  # of correlation that a semitone higher, and nearer to the mean pitch, is worth
+_SHORTER, _NEARER = 0.0025, 0.01  # correlation that a semitone higher, and one nearer to the mean pitch, is worth
 _FIRST, _LAST = SAMPLE_RATE_HZ // 450, SAMPLE_RATE_HZ // 65  # samples of a period
 _SEMITONES = 12 * np.log2(SAMPLE_RATE_HZ / np.arange(_FIRST, _LAST))
 _HANN = np.hanning(_WINDOW)

@@ -40,7 +40,7 @@ from .motion_chunk import KEPT, ChunkFade, MotionChunk
 CONTACT = 0.5  # the share of the time in which a speaker's eyes meet the viewer, unless a session asks for another
 LISTENS = 1.5  # factor of that share in silence and while the user speaks
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
-HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation: head and neck together; of that, the neck alone
+HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation to the viewer: head and neck; of theirs, the neck alone
 FARTHEST = math.radians(55)  # the largest rotation of head and neck together
 EYES_ALONE = math.radians(10)  # off the viewer up to which a speaker's head does not help
 HELPS = 0.65  # share of the angle beyond that the head takes over: its own movement stays visible
@@ -49,7 +49,7 @@ WELCOME, BEHIND = math.radians(80), math.radians(140)
 LOOK = math.radians(30)  # how far an eye of our character rotates at a look curve of 1; 34 degrees in Live Link Face
 GLANCES = 0.3  # the share of the eyes' own small movements that stays
 
-AT_STARTS = 0.75  # of the phrases begin with a glance away, at the usual share of contact
+AT_STARTS = 0.75  # share of phrases that begin with a glance away, at the default contact
 PAUSE_S = 0.25  # of silence, after which a phrase begins
 ENDS_S = 0.2  # of silence, after which a glance ends: phrases end with a look at the viewer
 SPEAKS_S = 0.6  # of silence, within which a speaker still counts as speaking

@@ -57,8 +57,9 @@ def write_film(
     `face` holds blendshape weights beside the motion; None is a still face.
 
     Raises:
-        MotionError: the file cannot be written, the suffix has no alpha channel, a side of the shot is odd, or the face
-            does not fit the motion.
+        MotionError: the file cannot be written, the suffix has no alpha channel, a side of the shot is odd, there is no
+            such background, or the face does not fit the motion.
+        DependencyError: the shot's renderer is `gpu`, and there is no OpenGL.
     """
     shot, suffix, character = shot or Shot(), path.suffix.lower(), character or load_character()
     if any(side % 2 for side in shot.size):

@@ -191,6 +191,7 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
 
     Raises:
         MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
+        DependencyError: the file is compressed, and the package that unpacks it is missing.
     """
     with reading(path):
         kind = kind_of(path)

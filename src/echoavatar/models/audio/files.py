@@ -81,7 +81,7 @@ class Piece(NamedTuple):
 
 
 def check_sound(path: Path) -> None:
-    """Refuse at once what is no file with sound in it: its first piece is decoded.
+    """Check that a file holds sound, by decoding its first piece.
 
     Raises AudioError if there is nothing, a folder, no regular file, or no sound in it.
     """

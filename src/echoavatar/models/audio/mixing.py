@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from .files import Form, Piece
 
-_KEPT = 10 ** (-3.2 / 10)  # of the loudest channel's power, in an even mix that is good enough: two voices, one a side
+_KEPT = 10 ** (-3.2 / 10)  # an even mix with this share of the loudest channel's power is good enough: two voices
 _ABOUT = 0.8  # a channel with this share of the loudest one's power is as loud
 _SILENT = 1e-4  # of the loudest power: -40 dB
 _CANCELLED = 0.2  # divided by the channels: they cancel where their sum has less of its greatest possible power

@@ -1,6 +1,6 @@
 """The generator of the depth order on a CPU: a chunk of audio codes in, its motion codes out, without torch.
 
-For each motion frame the backbone reads one position: the frame's sound and the codes of the frame before. Then the
+For each motion token (here: a frame) the backbone reads one position: its sound and the last frame's codes. Then the
 depth transformer draws the frame's 3 Q codes one after another; the backbone's hidden state is added to what it reads.
 Both run in the compiled loop. Memory is bounded: the state holds keys and values of the window.
 """

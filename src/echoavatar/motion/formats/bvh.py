@@ -43,7 +43,7 @@ from .reading import reading
 
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
 _MOST = 1e12  # numbers in a file must be smaller, so that no sum of squares overflows
-_BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
+_BESIDE = 0.1  # of the length of a joint's OFFSET: smaller mean positions are relative to the OFFSET
 _ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"), ("rightUpperArm", "rightLowerArm"))
 _STANDING = (("hips", "head"), ("leftUpperLeg", "leftFoot"), ("rightUpperLeg", "rightFoot"))
 _ALONG, _MOVING = 0.5, 0.05  # least cosine of directions that agree; radians that angles of a moving body change
