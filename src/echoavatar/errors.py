@@ -37,4 +37,4 @@ class AdmissionError(EchoAvatarError):
 
 
 class QueueFullError(EchoAvatarError):
-    """A session was sent more audio than it can hold; read motion, or send it as it is heard."""
+    """A session was sent more audio than it can hold; read its motion, or send audio in real time."""

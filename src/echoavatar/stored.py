@@ -65,7 +65,7 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
 
 
 def read_card(folder: Path) -> dict[str, object]:
-    """The model card (data, command, scores, licence), or an empty one where there is none."""
+    """The model card (data, command, scores, licence); {} if there is none. Raises CheckpointError: it is damaged."""
     path = folder / "card.json"
     try:
         return read_object_file(path)

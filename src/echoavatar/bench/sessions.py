@@ -26,7 +26,7 @@ GOLDEN_RATIO = 0.6180339887  # spreads the sessions' phases evenly for any numbe
 GIVE_UP_CHUNKS = 4  # p99 of waiting, in chunks, beyond which larger loads are not tried
 COUNTS = (1, 2, 4, 6, 8, 10, 12, 16)
 JOIN_CHUNKS = 1  # between the starts of two sessions
-LATE_MS = 150.0  # the server schedules silence as long before it is due, beside the engine's own time
+LATE_MS = 150.0  # the server schedules silence this long before it is due, plus the engine's own time
 
 
 class Load(NamedTuple):

@@ -278,7 +278,7 @@ class GltfAnimation(NamedTuple):
 
 
 def pack_glb(character: Character, animations: Sequence[GltfAnimation], *, compact: bool = False) -> bytes:
-    """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
+    """The GLB's bytes; `compact` stores rotations in 16 bits (error below 0.01 degrees), the face in 8."""
     document, buffer = character_document(character)
     if animations:
         document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]

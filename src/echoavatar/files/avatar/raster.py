@@ -9,7 +9,7 @@ import numpy as np
 from echoavatar.nn.kernels import kernel
 
 F = np.float32
-U = np.uint64  # unsigned, or each index is asked whether it counts from the end
+U = np.uint64  # unsigned, because numba tests whether signed indices are negative
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
 TILE = U(8)  # samples
 FAR, TINY = F(1e6), F(1e-9)
@@ -30,7 +30,7 @@ def projected(points, position, axes, focal, width, height, screen):  # type: ig
 
 @kernel(fastmath=True)
 def box_of(screen, width, height):  # type: ignore[no-untyped-def]
-    """The pixels around the points before the camera: left, top, and right, bottom, which are not included."""
+    """The pixels around the points in front of the camera: left, top, and right, bottom, which are not included."""
     left, top, right, bottom = F(width), F(height), ZERO, ZERO
     for v in range(screen.shape[0]):
         if screen[v, 2] > ZERO:
@@ -63,7 +63,7 @@ def bounds(points, towards, box):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def centres(least, greatest, begin, end):  # type: ignore[no-untyped-def]
-    """The first sample from `begin` on, and the one behind the last, whose centres lie between two coordinates.
+    """The first sample from `begin` on, and the one after the last, whose centres lie between two coordinates.
 
     Limits are whole numbers, here and in `span`: they hold even for coordinates that are not finite.
     """
@@ -94,7 +94,7 @@ def border(weight, across, down):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
-    """The first column in a row of a triangle and the one behind the last, of 0 to count - 1.
+    """The first column in a row of a triangle and the one after the last, of 0 to count - 1.
 
     Both ends reach a hundredth further, which closes the seam between neighbours. Borders are negated for `min`:
     `max` compiles to far slower code.

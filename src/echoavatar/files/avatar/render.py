@@ -52,7 +52,7 @@ class Paint:
     """Data that all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
-    triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
+    triangles: Integer[np.ndarray, "f 3"]  # unsigned: see `raster.U`
     uvs: Float[np.ndarray, "v 2"]
     pictures: Int[np.ndarray, " f"]  # -1: none
     two_sided: Bool[np.ndarray, " f"]
@@ -112,7 +112,7 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one size before one backdrop, and keeps its buffers between frames; for one thread at a time.
+    """Draws surfaces at one size on one backdrop, and keeps its buffers between frames; for one thread at a time.
 
     Attributes:
         empty: (h, w, c): the picture of nothing.

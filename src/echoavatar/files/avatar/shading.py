@@ -227,8 +227,8 @@ def floor_shadow(  # type: ignore[no-untyped-def]
 ):
     """Darken the floor in `box` by the key light's shadow and by the nearness of the body (`contact`, n x n).
 
-    `reach` (2) are the shadow map's columns between which there is any; `contact_map` (2, 2) holds scale and shift from
-    metres (x, z) to cells. A fourth channel becomes opaque instead. Returns the first column and the one behind the
+    `reach` (2) are the shadow map's columns between which there is shadow; `contact_map` (2, 2) holds scale and shift
+    from metres (x, z) to cells. A fourth channel becomes opaque instead. Returns the first column and the one after the
     last that may have changed.
     """
     left, top, right, bottom = box

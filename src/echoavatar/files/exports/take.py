@@ -51,7 +51,7 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 
-    Raises MotionError: the file is missing, damaged, or of another kind.
+    Raises MotionError: the file is missing, damaged, or of another kind. DependencyError: what unpacks it is missing.
     """
     kind = kind_of(path)
     if kind == BVH:

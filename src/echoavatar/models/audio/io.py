@@ -24,7 +24,7 @@ _LOUDEST = 64.0  # larger floats are integers that were not scaled
 
 
 def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
-    """Check samples and mix them down: (s,) or (s, channels), floats in -1..1 or integers of any width.
+    """Check samples and mix them down: (s,) or (s, channels), floats in -1..1, signed integers or uint8.
 
     Args:
         samples: the sound.

@@ -17,7 +17,7 @@ from .files import Form, Piece
 _KEPT = 10 ** (-3.2 / 10)  # an even mix with this share of the loudest channel's power is good enough: two voices
 _ABOUT = 0.8  # a channel with this share of the loudest one's power is as loud
 _SILENT = 1e-4  # of the loudest power: -40 dB
-_CANCELLED = 0.2  # divided by the channels: they cancel where their sum has less of its greatest possible power
+_CANCELLED = 0.2  # channels cancel if the power of their sum is below 0.2 / channels of an in-phase sum's
 _MOST_CANCELLED = 0.1  # share of a recording's energy that may cancel in a mix
 _OPPOSED = -0.5  # correlation with the loudest channel
 _RUMBLE = ("LFE", "LFE2")  # left out

@@ -80,7 +80,7 @@ def _gelu(x):  # type: ignore[no-untyped-def]
 
 @kernel(reorders=True)
 def _repeat(x, y):  # type: ignore[no-untyped-def]
-    """Each session's row for both of its branches."""
+    """Repeat each session's row for both guidance branches."""
     for row in range(y.shape[0]):
         for i in range(y.shape[1]):
             y[row, i] = x[row // 2, i]
@@ -266,7 +266,7 @@ class FrameDecoder:
         active: Bool[np.ndarray, " b"],
         noise: Float[np.ndarray, "b t c"],
     ) -> Float[np.ndarray, "b t c"]:
-        """The next normalised frames of the active rows, from what each of them hears; zeros elsewhere."""
+        """The next normalised frames of active rows, zeros elsewhere. CheckpointError: `heard` has another shape."""
         if heard.shape != (wanted := (*noise.shape[:2], self.config.width)):
             raise CheckpointError(f"the face's ear gives {heard.shape}, wanted {wanted}; copy or download it again")
         chosen, frames = np.flatnonzero(active), np.zeros((*heard.shape[:2], noise.shape[2]), F)

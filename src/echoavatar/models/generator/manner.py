@@ -10,7 +10,7 @@ high (`HEIGHTS`).
 All numbers except the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From
 there a generator does not learn to tell left from right: the past says where the hands are, and in windows without a
 past the vector is small beside the noise. So the heights enter where a code is drawn: they raise the logits of the
-first-layer codes of the upper body that have the hands there, times a learned gate. What is not told adds nothing.
+first-layer codes of the upper body that have the hands there, times a learned gate. NaN adds nothing.
 """
 
 from dataclasses import astuple, dataclass, fields

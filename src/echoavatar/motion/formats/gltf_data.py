@@ -43,7 +43,7 @@ class Gltf:
     meshes: dict[int, dict[str, Array]] = field(init=False, default_factory=dict)
 
     def attribute(self, part: dict[str, Any], name: str) -> Float[Array, "v n"]:
-        """An attribute of a primitive, whose accessor may be in a Draco mesh."""
+        """An attribute of a primitive, which may be in a Draco mesh. Raises ValueError: its data is damaged."""
         index = part["attributes"][name]
         entry = part.get("extensions", {}).get(DRACO)
         count = self.document["accessors"][part["attributes"]["POSITION"]]["count"]
@@ -85,7 +85,7 @@ class Gltf:
         return bytes(memoryview(data)[start:][: view["byteLength"]])
 
     def accessor(self, index: int, count: int | None = None) -> Float[Array, "n c"]:
-        """The first `count` elements of an accessor, which must have as many; or all."""
+        """The first `count` elements of an accessor, or all. Raises ValueError: it has fewer, or is damaged."""
         accessor = self.document["accessors"][index]
         count = accessor["count"] if count is None else count
         if not 0 <= count <= accessor["count"]:
@@ -138,7 +138,7 @@ class Gltf:
 
 @contextmanager
 def refusing_damage(path: Path) -> Iterator[None]:
-    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
+    """Raise MotionError, or DependencyError for a missing package, in place of what a damaged document causes."""
     try:
         yield
     except _DAMAGE as error:

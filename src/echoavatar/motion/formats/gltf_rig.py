@@ -324,7 +324,7 @@ def parts_of(rig: GltfRig, plain: PlainRig, *, has_rigid: bool = False) -> Itera
     """The primitives of all skinned meshes in the rest pose of `plain`; with `has_rigid` also of those without a skin.
 
     Where no mesh is skinned, the parts hang on the bones as they are. What hangs mostly from nodes of another tree,
-    such as those of a second character, is not its own.
+    such as those of a second character, is not its own. Raises ValueError: the file is damaged.
     """
     owner, moves = _owners(rig), _moves(rig, plain)
     skins: dict[int, tuple[Array, Array]] = {}

@@ -61,7 +61,7 @@ class Motion:
     fps: float
 
     def __post_init__(self) -> None:
-        """Raise MotionError for shapes that do not fit, no frames, or values that are not finite."""
+        """Raise MotionError: shapes do not fit, no frames, values are not finite, or an impossible frame rate."""
         t, joints = self.frames, self.skeleton.joints
         if t == 0:
             raise MotionError("the motion has no frames; record it again or choose another")

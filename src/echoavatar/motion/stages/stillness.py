@@ -22,7 +22,7 @@ travel, the trunk passes as decoded.
 
 Where a hand should rest, or gestures should be smaller or larger, each arm moves `size` times as far from its place,
 the mean within `PLACE_S`, and the trunk as the arm with the larger size; the timing of strokes stays. The generator
-also holds a speaker's hands too far before the body. So the elbow is drawn back, the forearm folds and the arm turns
+also holds a speaker's hands too far from the body. So the elbow is drawn back, the forearm folds and the arm turns
 aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All this
 ends as the hips travel. Generated legs stand so close together that weight cannot shift between them: each is
 turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
@@ -61,7 +61,7 @@ CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
 TRUNK_HZ = 2.0
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
-PARTED = 0.05  # radians by which each leg of a speaker stands further out
+PARTED = 0.05  # radians by which each leg of a speaker is turned outwards
 MOST_ROLL = 0.26  # radians of all joints together: the trunk as a whole leans by half of it
 # Sizes of the moves of left and right arm (1: as decoded), and 1 if the speaker talks: here of actions and dances.
 WHOLE = np.array([1, 1, 0], np.float32)
@@ -193,7 +193,7 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 @kernel()
 def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
-    """Draw the elbow of a frame back and turn the arm aside, the more, the further the wrist is before the shoulder."""
+    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front."""
     half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
     back, folds = normalized((1.0, half * DRAWN, 0.0, 0.0)), normalized((1.0, -half * FOLDED, 0.0, 0.0))
     upper, lower = read_quaternion(pose[joints[1]]), read_quaternion(pose[joints[2]])
@@ -234,7 +234,7 @@ def rest(  # type: ignore[no-untyped-def]
     reach,
     fps,
 ):
-    """Filter both arms and the spine of active rows, frame by frame."""
+    """Filter arms and spine and spread the legs of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
     settling, growing = 1.0 - math.exp(-1.0 / (fps * PLACE_S)), 1.0 - math.exp(-1.0 / (fps * SIZE_S))
     for row in range(len(rotations)):
