@@ -111,7 +111,7 @@ def _each_bind(document: dict[str, Any]) -> Iterator[_Bind]:
 def target_names(document: dict[str, Any], mesh: dict[str, Any]) -> list[str]:
     """The name of each morph target, from wherever exporters write it; "" where there is none.
 
-    52 targets without names (51 without the tongue) are ARKit's, in Apple's order, or by alphabet if its jaw moves more.
+    52 targets without names (51: no tongue) are ARKit's, in Apple's order, or alphabetical if its jaw moves more.
     """
     part = mesh["primitives"][0]
     targets, accessors = part.get("targets", []), document.get("accessors", [])

@@ -101,10 +101,7 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
 
 
 def check_bones(names: Sequence[str], found: Mapping[str, int]) -> None:
-    """Raise where bones that motion needs are missing.
-
-    Raises UnknownRigError: says what was found, what is missing, and the remedy.
-    """
+    """Raises UnknownRigError if bones that motion needs are missing; it lists them, and what was found."""
     missing = [bone for bone in REQUIRED if bone not in found]
     if not missing:
         return
