@@ -15,7 +15,7 @@ def find_device(name: str) -> str:
     if name == "cpu":
         return name
     kind, _, number = name.partition(":")
-    if name != "auto" and (kind != "cuda" or (number and not number.isdecimal())):
+    if name not in ("auto", "cuda") and (kind != "cuda" or not number.isdecimal()):
         raise EchoAvatarError(f"no device {name!r}; say cpu, cuda, cuda:1 or auto")
     try:
         found, why_none = torch_backend("a GPU").devices()
