@@ -51,8 +51,11 @@ class ExportedStep:
             self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's errors have no common class
             raise CheckpointError(f"{path} cannot be run ({error}); copy or download the bundle again") from error
-        _, *self._past = inputs = self._session.get_inputs()
-        self._names = [one.name for one in inputs]
+        inputs = self._session.get_inputs()
+        self._past, self._names = inputs[1:], [one.name for one in inputs]
+        is_known = all(one.type in _TYPES and all(isinstance(n, int) for n in one.shape[1:]) for one in self._past)
+        if not (inputs and is_known and len(inputs) == len(self._session.get_outputs())):
+            raise CheckpointError(f"{path} is not a step with a state; copy or download the bundle again")
 
     def init_state(self, rows: int) -> ExportedState:
         """Nothing seen yet."""
