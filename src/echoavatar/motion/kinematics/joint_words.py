@@ -122,7 +122,7 @@ def _labelled(text: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=CACHED)
 def _split(text: str, is_first: bool = True) -> tuple[str, ...] | None:
-    """The known words that make up the text, longest first; a one-letter side counts only at either end of it."""
+    """The known words that make up the text, longest first; words of one or two letters count only at its ends."""
     if not text or text.isdecimal():
         return (text,) if text else ()
     for end in range(min(len(text), _LONGEST), 0, -1):
