@@ -99,7 +99,7 @@ class _Sums:
 
 
 class Measurement:
-    """Takes every piece of a recording, and then says what to do with it."""
+    """Measures a recording piece by piece, and then plans what to do with it."""
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, Form], _Sums] = {}
@@ -111,7 +111,7 @@ class Measurement:
             self._sums.setdefault(key, _Sums(piece.form)).add(piece.samples)
 
     def plan(self) -> Plan:
-        """What to do."""
+        """The plan for the recording."""
         powers: dict[int, float] = {}
         for (number, _), sums in self._sums.items():
             powers[number] = powers.get(number, 0.0) + sums.power * sums.count

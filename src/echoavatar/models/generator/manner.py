@@ -1,10 +1,10 @@
-"""The manner of a speaker: a few numbers that the generator is told (not in the paper).
+"""The manner of a speaker: a few numbers that condition the generator (not in the paper).
 
 The sound does not say which hand a speaker uses, nor how lively he is. Without a manner each chunk draws what most
 people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
 
 A speaker's manner alone is an average over minutes, which a chunk cannot follow: it says that a hand often rests, not
-that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`), and how
+that it rests now. So the generator also gets how busy each hand is in these seconds (`HANDS`), and how
 high (`HEIGHTS`).
 
 All numbers except the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From

@@ -1,4 +1,4 @@
-"""What a file of motion or of a character is: its content tells, whatever it is called."""
+"""The format of a file of motion or of a character, read from its content, whatever its name."""
 
 import re
 import sys

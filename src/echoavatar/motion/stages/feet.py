@@ -82,7 +82,7 @@ class Feet:
     ) -> None:
         """Bend the legs of `pose` in place so that planted feet stay; `chains` is the pose's.
 
-        `decoded_root` is the root before the leash, by which feet are told to stand or step. `largest` is how far a
+        `decoded_root` is the root before the leash, by which feet are judged to stand or step. `largest` is how far a
         foot may be held from its decoded place, metres, per row.
         """
         if self._legs is not None:
