@@ -60,10 +60,10 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
         from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 
         return Take(read_gltf_clip(path, animation, given))
-    if given is not None:
-        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     if kind != NPZ:
         raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; convert it, for example to .glb in Blender")
+    if given is not None:
+        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 
     try:
