@@ -63,13 +63,13 @@ class Animation(AnimatedSound):
             path: where to write.
             rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves; a film shows the character.
             size: width and height of a film (.mp4, .webm) in pixels, or wide, portrait or square; None is wide, or
-                square of bust and face.
+                square for the views bust and face.
             view: of a film: front, left, right or back of the body, bust, or the face alone.
-            character: the character of a film: maya (None), theo or amara.
+            character: the character of a film: maya (the default), theo or amara.
             background: of a film: studio, dusk, plain, or a colour such as #00ff00.
-            alpha: a film without a background (.webm).
+            alpha: leave the background of a film (.webm) transparent.
             renderer: of a film: cpu, or gpu.
-            progress: receives the frames filmed, and all frames.
+            progress: is called with the number of frames filmed, and that of all frames.
 
         Raises:
             EchoAvatarError: the suffix is unknown, the rig does not fit it, or the file cannot be written there.
@@ -95,7 +95,7 @@ class Animation(AnimatedSound):
         return self.motion.to_numpy() | {"audio": self.audio} | face
 
     def to_html(self) -> str:
-        """A page of its own, about 3 MB, with the avatar to turn and its sound; needs no network and no server."""
+        """A self-contained HTML page, about 3 MB, that plays the avatar and its sound without a network or a server."""
         import soundfile
 
         from echoavatar.files.avatar import load_character
@@ -109,7 +109,7 @@ class Animation(AnimatedSound):
         return page_text(pack_glb(load_character(), [moving], compact=True), [clip])
 
     def _repr_html_(self) -> str:
-        """The page in a frame, for notebooks."""
+        """The page of `to_html` in an iframe, for notebooks."""
         frame = 'width="100%" height="480" style="border:0" sandbox="allow-scripts" title="EchoAvatar animation"'
         return f'<iframe {frame} srcdoc="{html.escape(self.to_html(), quote=True)}"></iframe>'
 
@@ -129,17 +129,18 @@ def animate(
 
     Args:
         sound: any file that FFmpeg reads, or samples.
-        rate: of the samples, in Hz; a file knows its own.
+        rate: samples per second, in Hz; a file states its own.
         model: a shipped bundle, a folder, or OWNER/NAME on the hub. The last one used stays loaded.
         seed: the same seed gives the same motion.
         fps: frames per second.
         options: how the body may move, such as `MotionOptions(in_place=True)`.
-        device: where the model runs, as of `load`.
+        device: where the model runs, as in `load`.
         progress: receives the seconds of motion made so far.
 
     Raises:
         AudioError: the sound is missing, empty or not sound.
         CheckpointError: there is no such model.
+        MotionError: `fps` is not above 0, or is above 1000.
     """
     blocks = stream_audio(sound) if isinstance(sound, str | Path) else in_blocks(_resampled(sound, rate))
     pipeline = _loaded(str(model), device)

@@ -1,4 +1,4 @@
-"""Folders for what can be made again. A cache saves time and is never a condition. Uses nothing else of the package."""
+"""Cache folders. The package also runs where none can be written, only slower. Uses nothing else of the package."""
 
 import functools
 import logging
@@ -13,22 +13,22 @@ NOWHERE = Path(os.devnull) / "echoavatar"  # nothing can be written there
 
 
 def user_caches() -> list[Path]:
-    """The package's folder in the user's cache; none for a user without a home, as containers have."""
+    """The package's folder in the user's cache; an empty list for a user without a home, as in containers."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if named.is_absolute():  # the standard says to ignore others
+    if named.is_absolute():  # the XDG standard says to ignore relative paths
         return [named / "echoavatar"]
     try:
         home = Path.home()
-    except RuntimeError:  # nobody knows it
+    except RuntimeError:  # the user has no home
         return []
     caches = home / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return [caches / "echoavatar"] if home != Path(home.anchor) else []  # / is nobody's home
+    return [caches / "echoavatar"] if home != Path(home.anchor) else []  # / counts as no home
 
 
 def first_writable(*places: Path) -> Path:
-    """The first of these folders that can be written; it is made. If none can, a temporary one, and a warning says so.
+    """The first of these folders that can be written; it is made. If none can, a temporary one, and a warning.
 
-    The temporary folder ends with the process. Where there is none either, every write to the returned path fails.
+    The temporary folder is removed when the process ends. If it cannot be made either, `NOWHERE` is returned.
     """
     for place in places:
         if place.parts[:1] != ("~",):  # a library could not find the home
@@ -42,7 +42,7 @@ def first_writable(*places: Path) -> Path:
 
 @functools.cache
 def _temporary() -> "tempfile.TemporaryDirectory[str] | None":
-    """A folder that nobody else can write: compiled code is read from it."""
+    """A folder that no other user can write, because compiled code is loaded from it; None where none can be made."""
     try:
         made = tempfile.TemporaryDirectory(prefix="echoavatar-", ignore_cleanup_errors=True)
     except OSError:

@@ -3,7 +3,7 @@
 Uses nothing else of the package.
 """
 
-SHOWN_LETTERS = 1000  # of an error at a terminal
+SHOWN_LETTERS = 1000  # characters of an error that a terminal shows
 
 
 class EchoAvatarError(Exception):
@@ -11,7 +11,7 @@ class EchoAvatarError(Exception):
 
 
 def one_line(text: object) -> str:
-    """Text as one line for a terminal: names in it may be a stranger's, with control characters or no end."""
+    """Text as one short line for a terminal: names in it may come from outside, with control characters or no end."""
     line = " ".join(str(text).split())[:SHOWN_LETTERS]
     return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in line)[:SHOWN_LETTERS]
 
@@ -37,4 +37,4 @@ class AdmissionError(EchoAvatarError):
 
 
 class QueueFullError(EchoAvatarError):
-    """A session was sent more audio than it can hold; read motion, or send it as it is heard."""
+    """A session was sent more audio than it can hold; read its motion, or send audio in real time."""

@@ -1,9 +1,9 @@
-"""Models from and to the hub. The word of a hub or its mirror is a stranger's.
+"""Models from and to the Hugging Face hub. What the hub or a mirror states is checked.
 
-The hub's own client publishes; downloads are ours, because the client writes to wherever an answer names, and takes
-more than the hub stated. A name that leads out of the folder refuses the whole repository before anything is touched,
-a file ends at its stated size and has its published hash, and an interrupted one resumes. Files lie where the client
-keeps them, so that other programs share them. May import `outgoing` and below.
+The hub's own client publishes. This module downloads, because that client writes to any path that an answer names, and
+reads more bytes than the hub stated. If one file name leads out of the folder, the whole repository is refused before
+anything is written. A file ends at its stated size, must have its published hash, and resumes after an interruption.
+Files lie where the hub's client keeps them, so that other programs share them. May import `outgoing` and below.
 """
 
 import hashlib
@@ -31,12 +31,12 @@ from echoavatar.whole_file import write_whole
 MOST_BYTES = 1 << 37  # of one pull
 MOST_FILES = 10_000
 SLOWEST = 1 << 15  # bytes a second of a download
-PATIENCE_S = 60.0  # of a download, beside what its bytes take
+PATIENCE_S = 60.0  # of a download, beside the time of its bytes at `SLOWEST`
 MOST_REDIRECTS = 5
-TRIES = 4  # of a download, each without a new byte
+TRIES = 4  # in a row that may fail without a new byte
 PAUSE_S = 1.0
 _BLOCK = 1 << 20
-_SHA256 = 64  # letters of such a hash
+_SHA256 = 64  # hexadecimal digits of a SHA-256
 _COMMIT = re.compile(r"[0-9A-Za-z]{1,64}")
 _DIGEST = re.compile(r"[0-9a-f]{40}|[0-9a-f]{64}")
 
@@ -66,8 +66,8 @@ def pull(
     A file that is there and damaged is removed and fetched again.
 
     Raises:
-        EchoAvatarError: there is no network or no such repository, or the repository needs a login.
-        CheckpointError: the hub states what cannot be, a file is not what it stated, or there is no room for it.
+        EchoAvatarError: no network, no such repository, no login where one is needed, or no huggingface_hub.
+        CheckpointError: the hub states invalid names or sizes, a file differs from them, or the disk is full.
     """
     hub, globs = _hub(name), [f"{each}*" if each.endswith("/") else each for each in only or ()]
     try:
@@ -78,7 +78,7 @@ def pull(
             raise EchoAvatarError(f"{name}: this user has no home folder to keep it in; set HF_HOME, or give a folder")
         root = output or Path(hub.constants.HF_HUB_CACHE)  # the cache may share a file between repositories
         folder = output or storage / "snapshots" / commit
-        places = {  # of every file, and of its bytes, to which it is a link in the cache
+        places = {  # the path of every file, and of its bytes; in the cache the first is a link to the second
             file: (folder / file.name, storage / "blobs" / file.digest)
             if output is None and file.digest
             else (folder / file.name, folder / file.name)
@@ -110,13 +110,13 @@ def pull(
 
 
 def fetch(name: str) -> Path:
-    """The folder of a model: from the hub's cache, or else fetched by `pull`."""
+    """The folder of a model: from the hub's cache, or else fetched by `pull`, whose errors it raises."""
     try:
         from huggingface_hub import constants, snapshot_download
 
         return Path(snapshot_download(name, local_files_only=True))
     except ImportError:
-        return pull(name).folder  # which says what to install
+        return pull(name).folder  # its error says what to install
     except (OSError, ValueError):  # the client's "not in the cache" is one of these
         kept = Path(constants.HF_HUB_CACHE)
         place = first_writable(kept)
@@ -124,7 +124,7 @@ def fetch(name: str) -> Path:
 
 
 def _hub(name: str) -> Any:
-    """The hub's client, for a name that can be one of the hub's and while the hub may be asked."""
+    """The hub's client. Raises EchoAvatarError: it is missing, `name` cannot be a repository, or the hub is off."""
     try:
         import huggingface_hub.constants
         from huggingface_hub.errors import HFValidationError
@@ -155,10 +155,10 @@ def _described(hub: Any, name: str, revision: str | None) -> dict[str, Any]:
 
 
 def _stated(told: Mapping[str, Any], name: str) -> tuple[str, list[_File]]:
-    """The commit and the files of a repository, if all of them can be.
+    """The commit and the files of a repository as the hub describes them.
 
     Raises:
-        CheckpointError: a name leads out of a folder, a size or a hash is none, or it is more than a pull takes.
+        CheckpointError: a name leads out of the folder, a size or hash is invalid, or it is more than a pull takes.
     """
     commit, siblings = told.get("sha"), told.get("siblings")
     if not isinstance(commit, str) or not _COMMIT.fullmatch(commit):
@@ -205,7 +205,7 @@ def _check_inside(root: Path, path: Path) -> None:
 
 
 def _is_there(file: _File, path: Path, blob: Path) -> bool:
-    """Whether a file is there and whole. Anything else in its place is removed, also where the file is a link to it."""
+    """Whether a file is there and whole. A damaged file in its place is removed, together with what it links to."""
     if _is_whole(file, path):
         return True
     for place in (path, blob):
@@ -233,13 +233,13 @@ def _partial(path: Path) -> Path:
 
 
 def _download(address: str, key: Mapping[str, str], file: _File, path: Path) -> None:
-    """Fetch a file whole, from where an earlier attempt ended; what is not the stated file is removed.
+    """Fetch the rest of a file, from where an earlier attempt ended; a file with another hash is removed.
 
     Raises:
-        OutgoingError: the hub refuses it, or is gone; what came is kept.
+        OutgoingError: the hub refuses it or stops answering; the bytes that came are kept.
         CheckpointError: it is longer or shorter than stated, or has another hash.
     """
-    if path.is_file():  # another name of the same bytes came before
+    if path.is_file():  # a file with the same bytes was fetched before
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     part = _partial(path)
@@ -251,7 +251,7 @@ def _download(address: str, key: Mapping[str, str], file: _File, path: Path) -> 
             break
         except OutgoingError as error:
             if error.status == 416:
-                part.write_bytes(b"")  # it was no part of this file
+                part.write_bytes(b"")  # the bytes there are of another file
             tries = 0 if part.stat().st_size > had else tries + 1
             if error.status not in (0, 416, 429, 500, 502, 503, 504) or tries == TRIES or time.monotonic() > end:
                 raise
@@ -263,7 +263,7 @@ def _download(address: str, key: Mapping[str, str], file: _File, path: Path) -> 
 
 
 def _append(address: str, key: Mapping[str, str], file: _File, part: Path, seconds: float) -> None:
-    """Add what is missing to a part of a file; the first byte beyond the stated size ends it."""
+    """Append the missing bytes to a partial file; stops at the first byte beyond the stated size."""
     had = part.stat().st_size
     headers = {**key, "range": f"bytes={had}-"} if had else key
     with _answer(address, headers, seconds) as answer, part.open("ab") as target:
@@ -280,10 +280,10 @@ def _append(address: str, key: Mapping[str, str], file: _File, part: Path, secon
 
 
 def _answer(address: str, headers: Mapping[str, str], seconds: float, hops: int = MOST_REDIRECTS) -> outgoing.Answer:
-    """The answer of a hub, which redirects to where it keeps large files; they are asked for without the key.
+    """The hub's answer. It may redirect to a storage server for large files, which is asked without the key.
 
     Raises:
-        OutgoingError: it refuses, or redirects to where no hub keeps files.
+        OutgoingError: the hub refuses, or redirects to another scheme or into a private network.
     """
     try:
         return outgoing.opened(address, headers=headers, seconds=seconds)
@@ -298,7 +298,7 @@ def _answer(address: str, headers: Mapping[str, str], seconds: float, hops: int 
 
 
 def _link(path: Path, blob: Path) -> None:
-    """Make a file of the cache a link to its bytes, or the bytes themselves where there are no links."""
+    """Make a file of the cache a link to its bytes, or a copy of them where the system has no links."""
     if path == blob:
         return
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
-"""Read JSON that comes from outside: the one reader of every door, so that a limit that holds at one holds at all.
+"""Read JSON that comes from outside. Files, requests and answers all use this reader, so all have the same limits.
 
-Python's own reader takes a lone surrogate, which nothing can write again; any depth that its stack can hold; NaN; and
-as many values as the bytes hold, at 80 bytes of memory each. This reader refuses all four. It is pydantic's, which
-refuses surrogates, NaN and more than 200 levels by itself. Uses `limits` and `errors` only.
+Python's own reader accepts a lone surrogate, which cannot be encoded again; any depth that its stack holds; NaN; and
+any number of values, at 80 bytes of memory each. This reader refuses all four. It is pydantic's, which refuses
+surrogates, NaN and more than 200 levels by itself. Uses `limits` and `errors` only.
 """
 
 import base64
@@ -17,8 +17,8 @@ from pydantic_core import from_json
 from .errors import EchoAvatarError
 from .limits import CONFIG_BYTES, JSON_VALUES, read_bytes
 
-# The parser makes infinity of 1e999. Two searches take half as long as one for both.
-_MAY_BE_INFINITE = re.compile(rb"[eE]\+?0*[1-9]\d\d"), re.compile(rb"\d{309}")
+# The parser reads 1e999 as infinity, and so 210 digits with an exponent of 99. Two searches take half as long as one.
+_MAY_BE_INFINITE = re.compile(rb"[eE]\+?0*[1-9]\d\d"), re.compile(rb"\d{210}")
 
 _FROM_URL_SAFE = str.maketrans("-_", "+/")
 
@@ -45,8 +45,8 @@ def read_json(
     Args:
         data: the text, or its bytes in UTF-8. Anything else is refused, since this too may come from outside.
         name: what the text is, for the message: "the body", a path.
-        most: the number of bytes that are read at most.
-        most_values: the number of values in it at most.
+        most: the largest number of bytes.
+        most_values: the largest number of values.
         error: the class to raise.
 
     Raises:
@@ -103,5 +103,5 @@ def _is_finite(value: object) -> bool:
         return True
     try:
         return math.isfinite(value)
-    except OverflowError:  # an integer
+    except OverflowError:  # an integer larger than any float
         return False

@@ -14,22 +14,22 @@ from pathlib import Path
 from .errors import EchoAvatarError
 
 CONFIG_BYTES = 16 << 20  # one JSON file: a config, a card, a table
-JSON_VALUES = 1 << 20  # numbers, texts, lists and objects of one JSON text; a VRM avatar has some 100,000
+JSON_VALUES = 1 << 20  # numbers, strings, lists and objects of one JSON text; a VRM avatar has some 100,000
 GLTF_BYTES = 16 << 20  # the JSON in a GLB; VRM avatars have 1 to 6 MiB
 BVH_BYTES = 1 << 29
 BVH_LINES = 1 << 21  # two hours at 240 frames a second
-BVH_LINE = 1 << 18  # letters of a line: a frame of `JOINTS` takes less
+BVH_LINE = 1 << 18  # characters of a line; a frame of `JOINTS` joints has fewer
 GLB_BYTES = 1 << 28  # avatars with large pictures have some 100 MiB
 ARRAYS_BYTES = 1 << 30  # all arrays of one .npz, unpacked: an hour of motion and sound takes half
-ARRAYS_PACKED = 16  # times smaller is a .npz at most, if its arrays have more than ARRAYS_ALWAYS
+ARRAYS_PACKED = 16  # a .npz unpacks to at most so many times its size, or to ARRAYS_ALWAYS
 ARRAYS_ALWAYS = 1 << 27  # bytes
 
 JOINTS = 1024  # of one skeleton; avatars with long hair and skirts have some 500
 DEPTH = 512  # joints from the root to a fingertip; also keeps recursive writers within Python's stack
 ROTATIONS = 1 << 25  # frames x joints of one clip: two hours of a body with its hands at 60 fps
-STILL_ROTATIONS = 1 << 20  # of joints that the frames say nothing about, which cost a file nothing
+STILL_ROTATIONS = 1 << 20  # frames x joints beyond the values in the file: joints without channels cost it nothing
 
-# Of one glTF file. Sums count an entry again for each node that uses it, as what is built does.
+# Limits of one glTF file. A mesh or a skin counts once for each node that uses it.
 NODES = 1 << 14  # avatars have some 1,000
 SKIN_JOINTS = 1 << 16  # entries of all skins; avatars have up to 100 skins that list the same joints
 PRIMITIVES = 1 << 13  # of all skinned nodes; one for each material
@@ -78,7 +78,7 @@ def readable(path: Path | str, error: type[EchoAvatarError] = EchoAvatarError) -
 
 
 def read_bytes(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvatarError) -> bytes:
-    """A whole file that passes `check_file`, also if it grows or is exchanged meanwhile.
+    """The bytes of a file that passes `check_file`; the opened file is checked again, as it may have been replaced.
 
     Raises:
         OSError: as `check_file`, or it cannot be opened.
@@ -99,9 +99,9 @@ def _check(path: Path, found: os.stat_result, largest: int, error: type[EchoAvat
 
 
 def decoded(data: bytes) -> tuple[str, str]:
-    """The text of a file that begins with ASCII, and its encoding as far as the bytes tell.
+    """The text of a file that begins with ASCII, and the encoding that its bytes suggest.
 
-    Of the older encodings Shift-JIS alone has many 0x81 to 0x9f.
+    Shift-JIS is tried before GBK where bytes 0x81 to 0x9f occur, because it alone has many of them.
     """
     wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(data[:2])
     if wide or 0 in data[:2]:

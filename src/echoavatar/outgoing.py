@@ -1,8 +1,8 @@
-"""The one HTTP client for what goes out: to language models, voices, the hub and avatar servers. Keys stay home.
+"""The one HTTP client for outgoing requests: to language models, speech services, the hub and avatar servers.
 
-A request goes to the origin that was asked for and to no other; the whole exchange has a limit of seconds and of bytes;
-`proxy_for` says which proxy it goes through, WebSockets too; and no message shows a key, not even where the answer
-repeats it. Vendors' own clients are not ours to bind. Uses `json_reader` and `errors` only.
+A request goes to the origin in its URL and to no other. The whole exchange has a limit of seconds and of bytes.
+`proxy_for` chooses the proxy, also for WebSockets. No error message shows a key, not even where the answer repeats it.
+Client libraries of vendors do not go through this module. Uses `json_reader` and `errors` only.
 """
 
 import http.client
@@ -25,14 +25,14 @@ from urllib.parse import SplitResult, quote, unquote, urlsplit
 from .errors import EchoAvatarError
 from .json_reader import read_json
 
-SILENCE_S = 120.0  # before a connection counts as dead, whatever an exchange may take
+SILENCE_S = 120.0  # without a byte, after which a connection counts as dead even in a longer exchange
 SECONDS = 30.0  # of an exchange, from the first byte of the request to the last of the answer
 MOST_BYTES = 4 << 20  # of an answer
-SHOWN_LETTERS = 200  # in a message, of what a server says to a refused request
-_READ_BYTES = 4_096  # of it that are read
-_PIECE = 8  # letters of a key in a row that are hidden
+SHOWN_LETTERS = 200  # characters of a server's refusal that an error message shows
+_READ_BYTES = 4_096  # of a refusal that are read
+_PIECE = 8  # so many characters in a row of a key are hidden in messages
 _BLOCK = 1 << 16
-PROXY_PRIVATE = "ECHOAVATAR_PROXY_PRIVATE"  # environment: private machines are asked through the proxy, too
+PROXY_PRIVATE = "ECHOAVATAR_PROXY_PRIVATE"  # environment variable: hosts in private networks use the proxy, too
 HTTP_PROXIES_ONLY = "name an HTTP proxy in HTTPS_PROXY, or the host in NO_PROXY"
 _PROXIES = {  # names in the environment, without `_PROXY`, by scheme; the first that is set counts
     "http": ("http", "all"),
@@ -40,7 +40,7 @@ _PROXIES = {  # names in the environment, without `_PROXY`, by scheme; the first
     "ws": ("ws", "socks", "https", "http", "all"),
     "wss": ("wss", "socks", "https", "all"),
 }
-_LOCAL_NAMES = re.compile(r"(.+\.)?(localhost|local)\.?", re.IGNORECASE)  # whatever a resolver makes of them
+_LOCAL_NAMES = re.compile(r"(.+\.)?(localhost|local)\.?", re.IGNORECASE)  # private, without asking a resolver
 _SECRET_NAME = re.compile("auth|key|password|secret|sig|token", re.IGNORECASE)  # of headers and of a query's values
 _USER = re.compile(r"(\w://)\S*@")
 _QUERY = re.compile(r"(\w://[^\s?#]*)[?#]\S*")
@@ -53,7 +53,7 @@ class OutgoingError(EchoAvatarError):
     """A request failed. The message shows no secret, and no error that could show one is chained to it."""
 
     def __init__(self, message: str, *, status: int = 0, said: str = "", headers: Message | None = None) -> None:
-        """`status` is that of HTTP, 0 without an answer; `said` the start of the answer, redacted."""
+        """`status` is the HTTP status, 0 without an answer; `said` is the start of the answer's body, redacted."""
         super().__init__(message)
         self.status, self.said, self.headers = status, said, headers or Message()
 
@@ -72,7 +72,7 @@ class Answer:
         self.close()
 
     def blocks(self) -> Iterator[bytes]:
-        """The body as it comes. Raises OutgoingError: the connection broke, or the seconds are over."""
+        """The body in pieces, as they arrive. Raises OutgoingError: the connection broke, or the time limit is over."""
         while block := self._call.attempt(lambda: self._response.read1(_BLOCK)):
             yield block
         if self._response.length:
@@ -97,8 +97,8 @@ def opened(
     A redirect is followed only from a GET and within its origin.
 
     Raises:
-        EchoAvatarError: the address is none for HTTP.
-        OutgoingError: no answer came, or the server refuses or redirects.
+        EchoAvatarError: the URL is not one of HTTP, or holds a user or password.
+        OutgoingError: no answer came, or the server refuses, or redirects elsewhere.
     """
     parts = _web_address(url)
     given = {name.lower(): value for name, value in (headers or {}).items()}
@@ -128,15 +128,15 @@ def fetch(url: str, body: object = None, *, most: int = MOST_BYTES, **request: A
 
 
 def ask(url: str, body: object = None, **request: Any) -> Any:
-    """The JSON value that answers a request, None for an empty answer; as `fetch`, and OutgoingError for no JSON."""
+    """The JSON value of an answer, None for an empty one; errors as `fetch`, and OutgoingError: it is not JSON."""
     got = fetch(url, body, **request)
     return read_json(got, f"the answer of {redacted(url)}", error=OutgoingError) if got.strip() else None
 
 
 def redacted(text: str, secrets: Iterable[str] = ()) -> str:
-    """One line of text without secrets: the given ones, also in pieces, and what addresses in it hide.
+    """One line of text without secrets: the given ones, also in pieces, and those in URLs.
 
-    Of an address the user, the password and the query are hidden, and the path if it is one of RTMP, which is the key.
+    Of a URL the user, the password and the query are hidden, and of RTMP also the path, which holds the stream key.
     """
     for secret in secrets:
         for form in (secret, quote(secret, safe="", errors="replace"), json.dumps(secret)[1:-1]):
@@ -154,7 +154,7 @@ def is_private(host: str) -> bool:
     try:
         found = {str(entry[4][0]).partition("%")[0] for entry in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
-        return False  # nobody here knows it; a proxy may
+        return False  # the name is unknown here; a proxy may know it
     return any(not ipaddress.ip_address(address.removeprefix("::ffff:")).is_global for address in found)
 
 
@@ -177,7 +177,7 @@ def proxy_for(url: str) -> str | None:
 
 
 class _Clock:
-    """Cuts an exchange when its seconds are over, whichever side is slow and however steadily it drips."""
+    """Cuts an exchange when its time is over, even while bytes still arrive slowly."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.is_over = seconds, False
@@ -210,7 +210,7 @@ class _Clock:
 
 
 class _Call:
-    """One exchange: how it is sent, and how its errors are told."""
+    """One exchange: sends the request, and turns errors into messages without secrets."""
 
     def __init__(self, url: str, parts: SplitResult, headers: Mapping[str, str], seconds: float) -> None:
         self.shown, self.clock = redacted(url), _Clock(seconds)
@@ -288,18 +288,18 @@ class _SameOrigin(urllib.request.HTTPRedirectHandler):
         """Follow a GET within its origin; any other redirect becomes an HTTPError."""
         if req.get_method() != "GET" or origin(newurl) != origin(req.full_url):
             return None
-        fp.close()  # or its whole body is read, however long it is
+        fp.close()  # otherwise its whole body would be read, however long it is
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
 def origin(url: str) -> tuple[str, str, int]:
-    """Scheme, host and port of an address. Raises EchoAvatarError if the address is none for HTTP."""
+    """Scheme, host and port of a URL. Raises EchoAvatarError if it is not a URL of HTTP."""
     parts = _web_address(url)
     return parts.scheme, parts.hostname or "", parts.port or {"http": 80, "https": 443}[parts.scheme]
 
 
 def address_parts(url: str, *schemes: str) -> SplitResult | None:
-    """The parts of an address of one of these schemes; None for others, and where host or port cannot be."""
+    """The parts of a URL with one of these schemes; None for other schemes, and if host or port is invalid."""
     with suppress(ValueError):
         parts = urlsplit(url)
         if parts.scheme in schemes and parts.hostname and parts.hostname.encode("idna") and parts.port != 0:

@@ -65,7 +65,7 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
 
 
 def read_card(folder: Path) -> dict[str, object]:
-    """The model card (data, command, scores, licence), or an empty one where there is none."""
+    """The model card (data, command, scores, licence); {} if there is none. Raises CheckpointError: it is damaged."""
     path = folder / "card.json"
     try:
         return read_object_file(path)
@@ -90,9 +90,9 @@ def check_weights(path: Path) -> None:
 
 
 def read_arrays(folder: Path) -> dict[str, Stored]:
-    """Read `model.safetensors`. Numbers of half precision become float32, matrices in int8 stay as they are stored.
+    """Read `model.safetensors`. Half precision becomes float32; int8 matrices with a scale become `Rounded`.
 
-    Raises CheckpointError if the file is missing or damaged, or holds what is no number.
+    Raises CheckpointError if the file is missing or damaged, or holds no numbers or values that are not finite.
     """
     path = folder / WEIGHTS
     try:
@@ -117,7 +117,7 @@ def read_arrays(folder: Path) -> dict[str, Stored]:
 
 
 def check_shapes(wanted: Mapping[str, Sequence[int]], given: Mapping[str, Sequence[int]], *, origin: str) -> None:
-    """Refuse weights of other names or shapes than a model has. Raises CheckpointError that names them."""
+    """Refuse weights whose names or shapes are not the model's. Raises CheckpointError that lists the differences."""
     problems = [f"missing {key}" for key in wanted if key not in given]
     problems += [f"unknown {key}" for key in given if key not in wanted]
     problems += [
@@ -131,7 +131,7 @@ def check_shapes(wanted: Mapping[str, Sequence[int]], given: Mapping[str, Sequen
 
 
 def round_to_int8(weight: Float[np.ndarray, "o i"]) -> Rounded:
-    """Stochastic rounding to int8.
+    """Stochastic rounding to int8, with one scale per row.
 
     A weight a tenth of a step above an integer is rounded up with a probability of a tenth, so the mean error is zero.
     The seed is fixed, so the same weights always give the same integers. Rounding to the nearest integer would undo

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 def exact_div(numerator: int, denominator: int) -> int:
-    """Divide where a remainder would be a mistake in the clock."""
+    """The exact quotient. Raises ValueError: there is a remainder, which would be a mistake in the clock."""
     quotient, remainder = divmod(numerator, denominator)
     if remainder:
         raise ValueError(f"{numerator} is not a multiple of {denominator}")
@@ -24,7 +24,7 @@ SAMPLES_PER_AUDIO_TOKEN = exact_div(SAMPLE_RATE_HZ, AUDIO_TOKEN_RATE_HZ)  # 320
 FRAMES_PER_MOTION_TOKEN = 4
 SAMPLES_PER_MOTION_TOKEN = FRAMES_PER_MOTION_TOKEN * SAMPLES_PER_FRAME  # 3,200 samples, 7.5 Hz
 CHUNK_FRAMES = 8
-CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step of the paper's takes
+CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: the sound that one step of the paper takes
 CHUNK_SECONDS = CHUNK_SAMPLES / SAMPLE_RATE_HZ  # 0.2667
 AUDIO_FRAMES_PER_CHUNK = exact_div(CHUNK_SAMPLES, SAMPLES_PER_AUDIO_TOKEN)  # 20, times two RVQ layers
 MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 time steps
@@ -32,13 +32,13 @@ MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 
 
 @dataclass(frozen=True)
 class ChunkSize:
-    """What one step of a pipeline consumes and produces: two motion tokens, unless its bundle says another number."""
+    """What one step of a pipeline consumes and produces: two motion tokens, unless its bundle sets another number."""
 
     tokens: int = MOTION_TOKENS_PER_CHUNK
 
     @classmethod
     def of(cls, samples: int) -> "ChunkSize":
-        """The chunk of so many samples of sound. Raises ValueError: `samples` is no whole number of motion tokens."""
+        """The size of a chunk with this many samples. Raises ValueError: they are no whole number of motion tokens."""
         if samples < 1:
             raise ValueError(f"a chunk has one sample or more, not {samples}")
         return cls(exact_div(samples, SAMPLES_PER_MOTION_TOKEN))
@@ -59,8 +59,8 @@ class ChunkSize:
         return self.samples / SAMPLE_RATE_HZ
 
     def within(self, seconds: float) -> int:
-        """The number of chunks that comes nearest to so many seconds, at least one."""
+        """The number of chunks whose length is nearest to `seconds`, at least one."""
         return max(1, round(seconds / self.seconds))
 
 
-CHUNK = ChunkSize()  # 8 frames, 6,400 samples: the paper's, and where no bundle says another
+CHUNK = ChunkSize()  # 8 frames, 6,400 samples: the paper's chunk, and the default of bundles

@@ -1,4 +1,4 @@
-"""Files are written completely or not at all, and a disk that is full or read-only is one line. Uses only `errors`."""
+"""Write files completely or not at all, and report a full or read-only disk in one line. Uses only `errors`."""
 
 import errno
 import os
@@ -21,16 +21,16 @@ def whole_file(
     failures: tuple[type[Exception], ...] = (),
     is_flushed: bool = False,
 ) -> Iterator[Path]:
-    """Give a path beside `path` to write to; the file there replaces `path` when the block ends without an error.
+    """Give a temporary file in the folder of `path`; it replaces `path` when the block ends without an error.
 
-    The file there is new and empty, and nobody can know its name before: a link of a stranger is not followed.
+    The temporary file is new, empty and has a random name, so that nobody can put a link in its place.
 
     Args:
         path: the file; an older one stays until the new one is complete.
-        error: what a failure to write becomes.
+        error: the class of the error that a failure to write raises.
         failures: what the block's own writer raises, besides OSError, when it cannot write.
         is_flushed: flush the file to the disk before it replaces the old one, so that a power cut leaves one of them.
-            This takes some 15 ms, so thousands of small files go without.
+            This takes some 15 ms, which is too long for thousands of small files.
 
     Raises:
         EchoAvatarError: of the kind `error`; the file cannot be written, or `path` is a pipe, a device or a folder.
@@ -78,7 +78,7 @@ def make_output_folder(folder: Path, *, error: type[EchoAvatarError] = EchoAvata
 
 @contextmanager
 def disk_errors(place: Path | str) -> Iterator[None]:
-    """A context in which a disk that is full, read-only or broken is an error of one line; others pass.
+    """A context in which a full, read-only or broken disk raises an error of one line; other errors pass unchanged.
 
     Args:
         place: what is written, for failures that name no file.

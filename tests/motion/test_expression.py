@@ -58,6 +58,24 @@ def test_a_chunk_made_again_is_the_same_and_a_session_without_a_face_stays_witho
     assert session.apply(3, chunk()._replace(face=None), mood="sad").face is None
 
 
+def test_a_mood_that_fades_in_a_chunk_made_again_has_the_strength_that_it_had() -> None:
+    session = Expression()
+    session.apply(0, chunk(), mood="happy", strength=0.5)
+    first = session.apply(1, chunk()).face
+    session.apply(1, chunk(), mood="happy", strength=1.3)
+    np.testing.assert_array_equal(session.apply(1, chunk()).face, first)
+
+
+def test_a_mood_that_becomes_stronger_does_so_without_a_jump() -> None:
+    """As by an action that follows another of its name."""
+    session, smile = Expression(), ARKIT_NAMES.index("mouthSmileLeft")
+    strengths = (0.5, 0.5, 0.5, 1.3, 1.3)
+    faces = [session.apply(k, chunk(), mood="happy", strength=size).face for k, size in enumerate(strengths)]
+    path = np.concatenate(faces)[:, smile]
+    assert path[-1] > 2 * path[20] > 0.4
+    assert np.abs(np.diff(path)).max() < 0.1
+
+
 def test_a_face_shows_what_the_voice_feels_with_lips_that_can_close() -> None:
     """Surely felt joy smiles without parting closed lips; at strength 0, and in another mood, nothing changes."""
 

@@ -12,7 +12,7 @@ from echoavatar.nn.device import find_device, threads
 def test_a_person_says_where() -> None:
     assert find_device("cpu") == "cpu"
     assert find_device("auto") == ("cuda" if torch.cuda.is_available() else "cpu")
-    for word in ("gpu", "cuda:first", "cpu:1"):
+    for word in ("gpu", "cuda:first", "cuda:", "cpu:1"):
         with pytest.raises(EchoAvatarError, match="say cpu, cuda"):
             find_device(word)
 

@@ -20,12 +20,22 @@ ROW = ["rows", 2]
 def path(tmp_path: Path) -> Path:
     (tmp_path / "model.safetensors").write_bytes(b"weights")
     (tmp_path / "config.json").write_text("{}")
-    ends = {name: helper.make_tensor_value_info(name, TensorProto.FLOAT, ROW) for name in ("x", "past", "y", "new")}
     nodes = [helper.make_node("Add", ["x", "past"], ["y"]), helper.make_node("Identity", ["y"], ["new"])]
-    graph = helper.make_graph(nodes, "sum", [ends["x"], ends["past"]], [ends["y"], ends["new"]])
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
-    onnx.save(made, graph_file(tmp_path))
+    save(graph_file(tmp_path), nodes, {"x": ROW, "past": ROW}, {"y": ROW, "new": ROW})
     return graph_file(tmp_path)
+
+
+def save(
+    path: Path,
+    nodes: list[onnx.NodeProto],
+    inputs: dict[str, list[str | int]],
+    outputs: dict[str, list[str | int]],
+    kind: int = TensorProto.FLOAT,
+) -> None:
+    sides = [[helper.make_tensor_value_info(name, kind, shape) for name, shape in side.items()]
+             for side in (inputs, outputs)]  # fmt: skip
+    graph = helper.make_graph(nodes, "sum", *sides)
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10), path)
 
 
 def test_rows_keep_their_own_past_and_those_that_rest_are_not_touched(path: Path) -> None:
@@ -52,6 +62,23 @@ def test_a_graph_of_other_weights_is_not_found_and_a_damaged_one_is_named(path: 
         ExportedStep(path)
     (path.parent / "model.safetensors").write_bytes(b"others")
     assert not graph_file(path.parent).exists()
+
+
+@pytest.mark.parametrize(
+    ("outputs", "shape", "kind"),
+    [
+        (["y"], ROW, TensorProto.FLOAT),
+        (["y", "new"], ["rows", "any"], TensorProto.FLOAT),
+        (["y", "new"], ROW, TensorProto.INT32),
+    ],
+)
+def test_a_graph_whose_state_cannot_be_made_is_named(
+    path: Path, outputs: list[str], shape: list[str | int], kind: int
+) -> None:
+    nodes = [helper.make_node("Add", ["x", "past"], [name]) for name in outputs]
+    save(path, nodes, {"x": shape, "past": shape}, dict.fromkeys(outputs, shape), kind)
+    with pytest.raises(CheckpointError, match=f"{path.name} is not a step with a state"):
+        ExportedStep(path)
 
 
 def test_nothing_is_reported_to_the_maker_of_the_runtime(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """`echoavatar bench face`: the cost of a face, for one session and for a batch.
 
 One session and the batch take turns, so that other processes slow both alike. Before every chunk as much memory is
-touched as the other models of a session use (`between`). Processor times count all threads; wall times are what a
+touched as the other models of a session use (`evict_caches`). Processor times count all threads; wall times are what a
 session waits for.
 """
 
@@ -21,7 +21,7 @@ WEIGHTS = 15_000_000  # float32 values, 60 MB: about the weights of the default 
 
 
 def bench_face(stream: FaceStream, *, chunks: int = 200, sessions: int = 64) -> dict[str, float]:
-    """Milliseconds per step (ours: 266.7 ms of sound): one session, a batch of `sessions`, and the ratio of both."""
+    """Milliseconds per step of `stream.config.step` frames: one session, a batch of `sessions`, and their ratio."""
     one, many = _chunks(stream, 1), _chunks(stream, sessions)
     for _ in range(WARM_UP):
         next(one), next(many)
@@ -47,7 +47,7 @@ def bench_face(stream: FaceStream, *, chunks: int = 200, sessions: int = 64) -> 
 
 
 def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:
-    """Milliseconds of the processor and of the wall, chunk by chunk."""
+    """Milliseconds of processor time and of wall time, chunk by chunk."""
     state, active, seeds = stream.init_state(rows), np.ones(rows, np.bool_), np.arange(rows)
     samples = stream.config.step * SAMPLES_PER_FRAME
     sound = 0.1 * np.random.default_rng(1).standard_normal((rows, samples), np.float32)
@@ -60,7 +60,7 @@ def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:
 
 
 def evict_caches() -> Callable[[], None]:
-    """Returns a function to call before every timed step; it touches as much memory as the models do in a chunk.
+    """A function to call before every timed step; it touches as much memory as the models do in a chunk.
 
     A stage timed by itself in a loop finds its data still in the caches. In a session the other models' weights have
     replaced it, so the isolated measurement would be far too optimistic.

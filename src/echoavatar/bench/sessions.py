@@ -1,8 +1,8 @@
 """`echoavatar bench sessions`: how many sessions one engine serves in real time, and how long their chunks wait.
 
-Sessions come one after the other. Those that the engine has room for send a chunk of audio in real time, and it serves
-them from its own threads, as in the server; the others are refused. A run therefore takes as long as its audio, and
-other load on the machine affects it.
+Sessions start one after the other. Those that the engine has room for send audio in real time, chunk by chunk, and the
+engine serves them from its own threads, as in the server; the others are refused. A run therefore takes as long as its
+audio, and other load on the machine affects it.
 """
 
 import gc
@@ -22,15 +22,15 @@ from .stream import resident_mb
 ClientKind = Literal["behaves", "floods", "stalls", "vanishes"]
 CLIENT_KINDS: tuple[ClientKind, ...] = ("behaves", "floods", "stalls", "vanishes")
 WARM_UP_CHUNKS = 16  # longer than the attention window
-GOLDEN_RATIO = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
-GIVE_UP_CHUNKS = 4  # chunks of waiting beyond which larger loads are not tried
+GOLDEN_RATIO = 0.6180339887  # spreads the sessions' phases evenly for any number of them
+GIVE_UP_CHUNKS = 4  # p99 of waiting, in chunks, beyond which larger loads are not tried
 COUNTS = (1, 2, 4, 6, 8, 10, 12, 16)
-JOIN_CHUNKS = 1  # between a session and the next one
-LATE_MS = 150.0  # the server schedules silence as long before it is due, beside the engine's own time
+JOIN_CHUNKS = 1  # between the starts of two sessions
+LATE_MS = 150.0  # the server schedules silence this long before it is due, plus the engine's own time
 
 
 class Load(NamedTuple):
-    """One number of sessions that came, and how those that were admitted were served."""
+    """A number of sessions that asked for a seat, and how those that were admitted were served."""
 
     sessions: int
     admitted: int
@@ -61,7 +61,7 @@ def bench_sessions(
 
 
 def bench_neighbour(pipeline: Pipeline, *, sessions: int = 2, seconds: float = 20.0) -> dict[str, float]:
-    """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes; nobody is refused."""
+    """p99 in ms of well-behaved sessions beside one that behaves, floods, stalls or vanishes; none is refused."""
     return {kind: _serve(pipeline, sessions + 1, seconds, kind).p99_ms for kind in CLIENT_KINDS}
 
 
@@ -77,7 +77,7 @@ def summary(loads: list[Load]) -> dict[str, object]:
 
 
 def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind | None = None) -> Load:
-    """With `last`, all are admitted, and the last one is of that kind."""
+    """Measure `count` sessions. With `last`, all are admitted, and the last one is of that kind."""
     gc.collect()  # memory of the previous load
     before, chunk_s = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
@@ -131,7 +131,7 @@ class _Client:
     def __init__(self, session: SessionCore, seat: int, kind: ClientKind) -> None:
         self.session, self.kind = session, kind
         self.waits: list[float] = []
-        self.unanswered: list[float] = []  # when each was sent
+        self.unanswered: list[float] = []  # when each chunk without motion was sent
         self._rng, self._lock = np.random.default_rng(seat), threading.Lock()
         session.on_motion = self._on_motion
 

@@ -100,7 +100,7 @@ def bench_stream(
 
 
 def _first_motion_ms(pipeline: Pipeline) -> float:
-    """From the first sample of a live source to the first frame: waiting for one chunk, then computing it."""
+    """Milliseconds from a live source's first sample to the first frame: waiting for a chunk, then computing it."""
     times = []
     for attempt in range(3):
         with Engine(pipeline).open(seed=attempt) as session:

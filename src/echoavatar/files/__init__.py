@@ -1,4 +1,4 @@
-"""Files for other programs: exports of motion, and the character with its films and pages.
+"""Files for other programs: exports of motion, and the character with its films and web pages.
 
 May import `engine` and below.
 """

@@ -27,11 +27,11 @@ class ClipTokenizer:
         return self._run(self._encoder, features, FRAMES_PER_MOTION_TOKEN * self._tokens)[:tokens]
 
     def decode(self, codes: Int[np.ndarray, "n p q"]) -> Float[np.ndarray, "t c"]:
-        """The features of codes; those of -1 are left out."""
+        """The features of codes; a code of -1 adds nothing, as if its layer were missing."""
         return self._run(self._decoder, codes, self._tokens)[: FRAMES_PER_MOTION_TOKEN * len(codes)]
 
     def _run(self, step: Any, x: Shaped[np.ndarray, "t ..."], each: int) -> Shaped[np.ndarray, "n ..."]:
-        """Step by step over the clip, whose last frame is held to fill the last step: steps do not see what comes."""
+        """Run over the clip step by step. The last frame is repeated to fill the last step: steps are causal."""
         filled = np.concatenate([x, np.repeat(x[-1:], -len(x) % each, 0)])
         state, everyone = step.init_state(1), np.ones(1, np.bool_)
         made = [step.step(piece[None], state, everyone)[0] for piece in np.split(filled, len(filled) // each)]

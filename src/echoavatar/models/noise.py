@@ -1,6 +1,6 @@
-"""Uniform numbers that depend on the session's seed and the absolute position alone.
+"""Uniform random numbers that depend on the session's seed and the absolute position alone.
 
-So the same session gives the same motion in one big push, in many small ones, and beside any neighbour.
+So a session gives the same motion whether its sound comes in one push or many, and whatever sessions run beside it.
 """
 
 import numpy as np

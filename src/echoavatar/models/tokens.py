@@ -8,7 +8,7 @@ only, so predictions are grouped by segment.
 An order says how audio and motion ids share a sequence. `prefix` (paper, Settings): the audio of the whole window, then
 its motion. `depth` (ours; the shipped generator's): the ids of one motion time step after those of another, for a
 generator that reads a time step at once. `interleaved` (ours): start id, then per chunk 40 audio ids and 6 Q motion
-ids; every motion position sees exactly the audio it sees live. The table `layouts` needs it: it shows what one
+ids; every motion position sees exactly the audio it sees live. It serves the lab's table `layouts`, which shows what a
 transformer loses or gains when it does not read the paper's window anew at every step.
 """
 
@@ -22,7 +22,7 @@ from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 PARTS = 3  # lower body, upper body, hands
-UPPER = 1  # of these, the one whose first layer a directive names
+UPPER = 1  # the part whose first-layer codes a directive may name
 
 
 class TokenLayout(Config):
@@ -32,7 +32,7 @@ class TokenLayout(Config):
     audio_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes in each audio codebook")
     motion_layers: int = Field(default=4, gt=0, le=64, description="RVQ layers Q of each motion tokenizer")
     motion_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes K in each motion codebook")
-    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers beside each other; 1: the body whole")
+    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers, one a body part; 1: the body whole")
     start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
     before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
     before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")
@@ -115,7 +115,7 @@ class Prefix(SequenceOrder):
 
 
 class Depth(SequenceOrder):
-    """Per motion time step (a frame) its 20 audio ids and its 3 Q motion ids; a position of the backbone is a frame.
+    """Per motion time step (here: a frame) its 20 audio ids and 3 Q motion ids; a position of the backbone is a frame.
 
     Each frame hears its own sound and the motion before it. Hidden states are one per code, frame after frame.
     """

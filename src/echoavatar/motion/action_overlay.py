@@ -1,9 +1,9 @@
-"""The part of an action that its codes cannot express: turns of torso and head, and the arms and hands of its clip.
+"""The part of an action that its codes cannot express: rotations of torso and head, and the clip's arms and hands.
 
 First-layer codes keep the arms of a reference clip roughly, lose its nods, head shakes and bows, and know nothing of
 fingers. An overlay holds what the clip rotates torso and head beyond what its codes decode to; a nod that is added on
 top leaves the hands free for the speech. Where hands must meet, touch or point, it also holds the clip's own arms and
-fingers, which then replace the generated ones. Not in the paper.
+fingers, which replace the generated ones. Not in the paper.
 """
 
 from dataclasses import dataclass, field, replace
@@ -37,7 +37,7 @@ class Hands:
     shares: Float[np.ndarray, "t h"]  # 0 keeps the joint's own rotation, 1 replaces it
 
     def to_json(self) -> dict[str, Any]:
-        """Milliradians by joint, of one frame where they do not change; shares in thousandths, equal for all joints."""
+        """Milliradians by joint, of one frame where they do not change; shares in thousandths, one for all joints."""
         vectors = axis_angle_from_quaternion(self.rotations)
         rows = np.rint(vectors / UNIT).astype(int)
         turns = {
@@ -48,7 +48,7 @@ class Hands:
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> Self:
-        """The inverse of `to_json`."""
+        """The inverse of `to_json`. Raises ValueError: rotations are not finite, or shares are not 0 to 1."""
         shares = np.asarray(stored["shares"], np.float32) / 1000
         names = tuple(stored["joints"])
         vectors = np.empty((len(shares), len(names), 3), np.float32)
@@ -84,18 +84,18 @@ class Overlay:
         return Overlay(self.joints, self.rotation_vectors[here], hands)
 
     def scaled(self, intensity: float) -> "Overlay":
-        """The overlay with every rotation vector multiplied by `intensity`; hands count for as much, and 1 at most."""
+        """The overlay with every rotation vector and hand share multiplied by `intensity`, hand shares by 1 at most."""
         hands = replace(self.hands, shares=self.hands.shares * np.float32(min(intensity, 1.0)))
         return Overlay(self.joints, self.rotation_vectors * np.float32(intensity), hands)
 
     def to_json(self) -> dict[str, list[int]]:
-        """Milliradians by joint: x, y, z of one frame, then of the next. `Hands.to_json` has the hands."""
+        """Milliradians by joint: x, y, z of one frame, then of the next. `Hands.to_json` gives the hands."""
         rows = np.rint(self.rotation_vectors / UNIT).astype(int)
         return {joint: rows[:, at].reshape(-1).tolist() for at, joint in enumerate(self.joints)}
 
     @classmethod
     def from_json(cls, rows: dict[str, list[int]], hands: dict[str, Any] | None = None) -> Self:
-        """The inverse of both `to_json`."""
+        """The inverse of both `to_json`. Raises ValueError: values are not finite, or shares are not 0 to 1."""
         held = no_hands(0) if hands is None else Hands.from_json(hands)
         vectors = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in rows.values()]
         if not all(np.isfinite(row).all() for row in vectors):

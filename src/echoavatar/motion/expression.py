@@ -4,7 +4,7 @@ An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smil
 (`feeling`), and a resting face is friendly. Moods fade into one another. An open mouth weakens what a mood asks of the
 lips, so that speech stays readable; what a voice feels does not part them, so that they close on p, b and m.
 
-Happy is action units 6 and 12, angry 4, 7 and 23, sad 1 and 15 (Ekman and Friesen's EMFACS), and a little more.
+Happy is made of action units 6 and 12, angry of 4, 7 and 23, sad of 1 and 15 (Ekman and Friesen's EMFACS), and more.
 """
 
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ from echoavatar.timing import CHUNK, ChunkSize
 from .arkit import ARKIT_NAMES
 from .feeling import FEELINGS, Feeling
 from .kinematics.easing import smootherstep
-from .motion_chunk import ChunkFade, MotionChunk
+from .motion_chunk import KEPT, ChunkFade, MotionChunk
 
 RISE_S, FALL_S = 0.4, 0.7  # to a mood, and out of it
 RESTING, DANCING = "resting", "dancing"
-SPEAKING_JAW = 0.35  # jawOpen at which the lips keep least of a mood
-LIPS_KEPT = 0.45  # the share of it that they keep then
+SPEAKING_JAW = 0.35  # jawOpen from which on the lips keep least of a mood
+LIPS_KEPT = 0.45  # the share of a mood that they keep then
 
 _PAIRS: Mapping[str, Mapping[str, float]] = {  # by mood: curves of both sides, or single ones
     RESTING: {"mouthSmile": 0.1, "cheekSquint": 0.05},
@@ -74,7 +74,7 @@ MOODS: Mapping[str, Float[np.ndarray, " 52"]] = {mood: _row(curves) for mood, cu
 
 _SIDES = np.stack([[_row({name: 1}) for name in pair] for pair in _OPPOSED], 1)
 _OWN, _OTHER = np.concatenate([_SIDES, _SIDES[::-1]], 1)
-_PARTS = ("mouthUpperUp", "mouthLowerDown", "noseSneer", "eyeLook")  # lips; and eye contact stays
+_PARTS = ("mouthUpperUp", "mouthLowerDown", "noseSneer", "eyeLook")  # a felt mood opens no lips and keeps eye contact
 _FELT = np.stack([MOODS[name] for name in FEELINGS]) * [not name.startswith(_PARTS) for name in ARKIT_NAMES]
 
 
@@ -82,10 +82,10 @@ class Expression:
     """The moods of one session."""
 
     def __init__(self, chunk: ChunkSize = CHUNK, feeling: float = 0.0, voice: Feeling | None = None) -> None:
-        """`feeling` is the share of a mood that a voice shows which surely feels it; `voice` was heard before."""
+        """`feeling` is the share of a mood that a sure feeling of the voice shows; `voice` is what was heard so far."""
         self._chunk, self._feeling, self._voice = chunk, feeling, voice or Feeling()
         self._fades = {RESTING: ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)}
-        self._strengths = {RESTING: 1.0}
+        self._strengths: dict[int, dict[str, float]] = {}  # by chunk, so that a chunk that is made again is the same
 
     def apply(
         self,
@@ -96,7 +96,7 @@ class Expression:
         strength: float = 1.0,
         speech: Float[np.ndarray, " s"] | None = None,
     ) -> MotionChunk:
-        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one.
+        """A chunk with its mood, resting for a mood that is not in `MOODS`. `strength` 1 is the mood as designed.
 
         A resting face shows what the voice feels; `speech` is what the avatar says, 24 kHz.
         """
@@ -107,19 +107,23 @@ class Expression:
             felt = self._feeling * self._voice.hear(chunk, speech)
         mood = mood if mood in MOODS else RESTING
         self._fades.setdefault(mood, ChunkFade(RISE_S, FALL_S, chunk=self._chunk))
-        self._strengths[mood] = min(strength, 1.3)
+        before = self._strengths.get(chunk - 1, {})
+        strengths = self._strengths[chunk] = {**before, mood: min(strength, 1.3)}
+        self._strengths.pop(chunk - KEPT, None)
         added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
         for each, fade in self._fades.items():
             share = smootherstep(fade.shares(chunk, is_wanted=each == mood))
             if each == RESTING:
                 added = np.maximum(added, share[:, None] * (felt @ _FELT))
                 share = share * (1 - felt.max(1))
-            added = np.maximum(added, (share * self._strengths[each])[:, None] * MOODS[each])
+            size = strengths.get(each, 1.0)
+            sizes = np.linspace(before.get(each, size), size, self._chunk.frames + 1)[1:]
+            added = np.maximum(added, (share * sizes)[:, None] * MOODS[each])
         return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
 
 
 def with_mood(face: Float[np.ndarray, "t 52"], added: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 52"]:
-    """Curves with those of a mood: they add up to 1 at most, and what pulls the other way gives in."""
+    """Curves with those of a mood added, 1 at most; curves that oppose those of the mood get weaker."""
     speaking = np.clip(face[:, _JAW] / SPEAKING_JAW, 0, 1)[:, None]
     added = np.clip(np.where(_OF_LIPS, added * (1 - (1 - LIPS_KEPT) * speaking), added), 0, 1)
     opposed = (added[:, None] * _OTHER).max(2, keepdims=True)

@@ -4,8 +4,8 @@ A name is read as words in any order, case and script: `blendShape1.eyeBlink_L`,
 `CTRL_expressions_eyeBlinkL` are one shape (`words.toml`). The web pages read names by the same tables, which
 `scripts/make_face_names.py` writes for them.
 
-A shape that is no curve of ours is a preset: a vowel, another mouth shape of speech, or a mood. A face with its own jaw
-and lips takes no vowels, a face with its own smile no happy mood: a curve moves a face once.
+A shape that is not one of the 52 curves is a preset: a vowel, another mouth shape of speech, or a mood. A face with
+its own jaw and lips gets no vowels, a face with its own smile no happy mood, so that no curve moves a face twice.
 """
 
 import re
@@ -24,8 +24,7 @@ VOWELS = VRM_NAMES[:5]
 SUMS, MIXED, NEAREST, VRM0 = (TABLES[name] for name in ("sums", "mixed", "nearest", "vrm0"))
 PRESETS = (*VOWELS, *SUMS)
 SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker")  # the curves that the vowels show
-_SAYING_NOTHING = "shape blendshape bs morph target key mesh geo both div max"
-ENDINGS = tuple(_SAYING_NOTHING.split())
+ENDINGS = ("shape", "blendshape", "bs", "morph", "target", "key", "mesh", "geo", "both", "div", "max")  # no meaning
 PARTS = ("upper", "lower", "up", "down", "in", "out")  # of a shape that others divide, such as `mouthFunnelUL`
 _ROWS = {name: row for row, name in enumerate((*ARKIT_NAMES, *PRESETS))}
 _SIDES = {"left": "Left", "right": "Right"}
@@ -44,7 +43,7 @@ class Reading(NamedTuple):
 
 
 def words_of(name: str) -> list[str]:
-    """The words of a name in our spelling; those that we do not know as they are."""
+    """The words of a name in our spelling; unknown words stay as they are."""
     found: list[str] = []
     for token in _TOKEN.findall(name):
         word = token.lower()
@@ -56,13 +55,13 @@ def words_of(name: str) -> list[str]:
 
 
 def read_name(name: str) -> Reading | None:
-    """What the name of a morph target or an expression says; None where it is none of a face that we know."""
+    """What the name of a morph target or an expression says; None if it is no known shape of a face."""
     name = unicodedata.normalize("NFKC", name[:_LETTERS])
     for piece in dict.fromkeys((re.split(r"[.:|/]", name)[-1], name)):
         words = words_of(piece)
         while words and words[-1] in ENDINGS:
             words.pop()
-        for start, word in enumerate(words):  # what stands before, such as the mesh's name, may be anything unknown
+        for start, word in enumerate(words):  # unknown words may stand before, such as the mesh's name
             if found := _phrase(words[start:], is_whole=start == 0):
                 return found
             if len(word) > 1 and word in _KNOWN and not word.startswith("au"):
@@ -146,7 +145,7 @@ def _expanded(shape: str, side: str = "") -> dict[str, float]:
 
 
 def _phrase(words: list[str], *, is_whole: bool) -> Reading | None:
-    """What these words say; a letter or two say it only at the end, and alone only as the whole name."""
+    """What these words say. A letter alone counts only at the end; one or two letters, only as the whole name."""
     if len(words[0]) == 1 < len(words):
         return None
     sides = [_SIDES[word] for word in words if word in _SIDES]

@@ -1,10 +1,10 @@
-"""What a voice feels: happy, angry or sad, heard in how it differs from how the same voice spoke before.
+"""What a voice feels: happy, angry or sad, heard in how it differs from the same voice before.
 
 Not in the paper. Joy raises the pitch and widens its range, anger makes a voice harsh and bright, sadness dulls it and
 quiets its changes (Juslin and Laukka 2003). Statistics of the last seconds of speech, less the speaker's own mean of
 them, go through one linear layer, fitted to acted speech (`scripts/make_feeling.py`). None depends on the loudness. A
-feeling shows as far as it is surer than every other, so a voice that may be happy or angry shows neither. A frame
-depends on the sound up to its end alone, whatever the chunks, and a session that goes back hears the same again.
+feeling shows as far as it is likelier than every other, so a voice that may be happy or angry shows neither. A frame
+depends on the sound up to its end alone, whatever the chunks, so a session that goes back gives the same again.
 """
 
 import math
@@ -33,33 +33,33 @@ _MEAN, _DEVIATION, *_ROWS = np.array(list(LAYER.values())).T.copy()
 _WEIGHTS = np.array(_ROWS)  # (4, 6)
 
 MEMORY_S = 3.0  # of speech, in which its statistics fade to a third
-SILENT_S = 0.4  # of silence, in which they do: a new phrase is heard afresh
+SILENT_S = 0.4  # of silence, in which they fade as much: a new phrase is heard afresh
 SURE_S = 1.5  # of speech before a feeling is fully shown
-MANY_VOICES_S = 1.0  # of the speaker's own speech, as which the mean of many voices counts
-MOST_KNOWN_S = 40.0  # of speech, that the mean of the speaker goes back
-LEAST, FULL = 0.2, 0.6  # how much surer than the next one: shown a little, and fully
+MANY_VOICES_S = 1.0  # the mean of many voices counts like so much speech of the speaker
+MOST_KNOWN_S = 40.0  # so much of the last speech makes the speaker's own mean
+LEAST, FULL = 0.2, 0.6  # by how much a feeling must be likelier than the next to show at all, and fully
 RISE_S, FALL_S = 0.6, 1.2  # until a feeling is fully shown, and gone
-QUIET_DB, FAINTEST_DB = 25.0, -60.0  # under the loudest of the last seconds, and at all: a pause
+QUIET_DB, FAINTEST_DB = 25.0, -60.0  # a pause: so far under the loudest of the last seconds; below this level
 _FORGETS_DB = 0.05  # per hop: the loudest of the last seconds fades
 FARTHEST = 3.0  # deviations from the speaker's mean; more is no surer
 
 _HOP, _WINDOW, _FFT = SAMPLES_PER_FRAME // 2, 1600, 2048  # samples; the window holds four periods of a low voice
 _RATE = 2 * FRAME_RATE_HZ  # hops a second
-_VOICED, _CLEAR = 0.55, 0.65  # of the correlation with the sound a period before: voiced; its pitch is believed
+_VOICED, _CLEAR = 0.55, 0.65  # least correlation with the sound a period before: of voiced hops; of a clear pitch
 LEAST_HOPS = 12  # with a clear pitch, before the statistics mean something
-_OUTLIER, _LEAP = 9.0, 2.0  # semitones off the mean, and from hop to hop: an octave error
-_SHORTER, _NEARER = 0.0025, 0.01  # of correlation that a semitone higher, and nearer to the mean pitch, is worth
+_OUTLIER, _LEAP = 9.0, 2.0  # semitones off the mean, and from hop to hop, from which on a pitch is an octave error
+_SHORTER, _NEARER = 0.0025, 0.01  # correlation that a semitone higher, and one nearer to the mean pitch, is worth
 _FIRST, _LAST = SAMPLE_RATE_HZ // 450, SAMPLE_RATE_HZ // 65  # samples of a period
 _SEMITONES = 12 * np.log2(SAMPLE_RATE_HZ / np.arange(_FIRST, _LAST))
 _HANN = np.hanning(_WINDOW)
 _TAPER = np.correlate(_HANN, _HANN, "full")[_WINDOW - 1 :][:_LAST]  # how the window itself fades with the lag
-_EDGES_HZ = 700 * (np.geomspace(1 + 80 / 700, 1 + 7500 / 700, 27) - 1)  # recordings at 16 kHz have as much
+_EDGES_HZ = 700 * (np.geomspace(1 + 80 / 700, 1 + 7500 / 700, 27) - 1)  # recordings at 16 kHz reach as far
 _EDGES = np.round(_EDGES_HZ * _FFT / SAMPLE_RATE_HZ).astype(int)
 _LOW, _MIDDLE = (2, 8), (10, 16)  # 235 to 909 Hz; 1.2 to 2.6 kHz
 
 
 class Memory(NamedTuple):
-    """After a chunk."""
+    """What one voice's statistics remember after a chunk."""
 
     sound: Float[np.ndarray, " s"] = np.zeros(_WINDOW - _HOP)  # the last samples
     bands: Float[np.ndarray, " b"] = np.zeros(len(_EDGES) - 1)  # dB, of the last hop
@@ -67,8 +67,8 @@ class Memory(NamedTuple):
     loudest: float = FAINTEST_DB + QUIET_DB  # dB, of the last seconds
     pitch: float = 0.0  # semitones, of the hop before; 0: it was not voiced
     usual: Float[np.ndarray, " 6"] = _MEAN  # the speaker's mean statistics
-    known_s: float = MANY_VOICES_S  # of speech behind it
-    shown: Float[np.ndarray, " 3"] = np.zeros(len(FEELINGS))
+    known_s: float = MANY_VOICES_S  # seconds of speech in `usual`
+    shown: Float[np.ndarray, " 3"] = np.zeros(len(FEELINGS))  # in the last frame
 
 
 class Feeling:
@@ -111,7 +111,7 @@ class Feeling:
 
 
 def warm_up() -> None:
-    """Compile the loop; a machine does so once."""
+    """Compile the loop; the result is cached on disk."""
     Feeling().hear(0, np.zeros(SAMPLES_PER_FRAME, np.float32))
 
 

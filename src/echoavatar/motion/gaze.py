@@ -1,8 +1,8 @@
 """Eye contact: the eyes meet the viewer for a share of the time and glance away between. Not in the paper.
 
 The viewer stands on the avatar's +Z side and moves along with it, as the page's camera does. While the user speaks,
-neck and head make most of the rotation, within the range of a neck, and keep a little of their own movement; else they
-help where the eyes alone do not reach. The eyes make the rest, through the look curves of the face.
+neck and head make most of the rotation, within the range of a neck, and keep a little of their own movement; at other
+times they help where the eyes alone do not reach. The eyes make the rest, through the look curves of the face.
 
 People look at the other for 41 % of the time in which they speak and for 75 % of that in which they listen (reported
 after Argyle). Of long utterances, over 70 % begin with a look away, and as many end with a look at the listener
@@ -38,29 +38,29 @@ from .kinematics.quaternions import (
 from .motion_chunk import KEPT, ChunkFade, MotionChunk
 
 CONTACT = 0.5  # the share of the time in which a speaker's eyes meet the viewer, unless a session asks for another
-LISTENS = 1.5  # times that share in silence and while the user speaks
+LISTENS = 1.5  # factor of that share in silence and while the user speaks
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
-HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation: head and neck together; of that, the neck alone
+HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation to the viewer: head and neck; of theirs, the neck alone
 FARTHEST = math.radians(55)  # the largest rotation of head and neck together
 EYES_ALONE = math.radians(10)  # off the viewer up to which a speaker's head does not help
-HELPS = 0.65  # of what is beyond: the head's own movement stays to be seen
+HELPS = 0.65  # share of the angle beyond that the head takes over: its own movement stays visible
 # Beyond the first angle the avatar looks at the viewer less; beyond the second, not at all.
 WELCOME, BEHIND = math.radians(80), math.radians(140)
 LOOK = math.radians(30)  # how far an eye of our character rotates at a look curve of 1; 34 degrees in Live Link Face
 GLANCES = 0.3  # the share of the eyes' own small movements that stays
 
-AT_STARTS = 0.75  # of the phrases begin with a glance away, at the usual share of contact
+AT_STARTS = 0.75  # share of phrases that begin with a glance away, at the default contact
 PAUSE_S = 0.25  # of silence, after which a phrase begins
-ENDS_S = 0.2  # of silence, in which a glance ends: phrases end with a look at the viewer
-SPEAKS_S = 0.6  # of silence, in which a speaker still counts as one
+ENDS_S = 0.2  # of silence, after which a glance ends: phrases end with a look at the viewer
+SPEAKS_S = 0.6  # of silence, within which a speaker still counts as speaking
 AWAY_S = (0.6, 1.5)  # a speaker's glance
 QUIET_AWAY_S = (0.4, 0.9)  # a listener's
-OWED_S = (0.3, 0.9)  # contact over its share after which the eyes glance away within a phrase
-MOST_OWED_S = 1.5  # under or over it, so that one long pause does not decide the next minute
+OWED_S = (0.3, 0.9)  # seconds of contact beyond its share, after which the eyes glance away within a phrase
+MOST_OWED_S = 1.5  # bound on seconds beyond or below the share, so that one long pause does not decide the next minute
 ASIDE, UPWARDS = np.radians([9, 18]), np.radians([-10, 7])  # where glances go from the viewer
 SACCADE = 2  # frames
-QUIET_DB = 25.0  # under the loudest of the last seconds, sound is a pause
-FAINTEST_DB = -60.0  # so is fainter sound
+QUIET_DB = 25.0  # sound so far under the loudest of the last seconds is a pause
+FAINTEST_DB = -60.0  # fainter sound is a pause, too
 _FORGETS_DB = 0.15  # per frame: the loudest of the last seconds fades
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
@@ -78,14 +78,14 @@ _LOOKS = np.array(  # columns of both eyes: to the left, to the right, up, down
 
 
 class _Place(NamedTuple):
-    """Where the eyes are in the course of looks and glances, after a frame. Times are in frames."""
+    """The state of looks and glances after a frame. Times are in frames."""
 
-    away: int = 0  # left of the glance; 0: the eyes meet the viewer
+    away: int = 0  # time left of the glance; 0: the eyes meet the viewer
     since: int = SACCADE  # the last saccade
     old: tuple[float, float] = (0.0, 0.0)  # yaw and pitch off the viewer before it, radians
     new: tuple[float, float] = (0.0, 0.0)  # and after it
-    owed: float = 0.0  # contact over its share
-    most: float = OWED_S[0] * FRAME_RATE_HZ  # of it, before the eyes glance away
+    owed: float = 0.0  # contact beyond its share
+    most: float = OWED_S[0] * FRAME_RATE_HZ  # value of `owed` at which the eyes glance away
     silent: int = round(9 * FRAME_RATE_HZ)  # since the speaker was heard last
     loudest: float = FAINTEST_DB  # of the last seconds
 
@@ -116,7 +116,7 @@ class Gaze:
             motion: what the chunk shows so far.
             skeleton: its rig.
             overlay: the action's.
-            heeds: whether head and eyes turn to the user, who speaks.
+            heeds: whether head and eyes turn to the user, because the user speaks.
             speech: what the avatar says in the chunk, 24 kHz: eyes meet the viewer for their share; None: they do not.
         """
         heed = self.shares(chunk, is_wanted=heeds)
@@ -131,7 +131,7 @@ class Gaze:
         return smootherstep(self._heed.shares(chunk, is_wanted=is_wanted)).astype(np.float32)
 
     def glances(self, chunk: int, speech: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, "t 2"]:
-        """How far the eyes look beside the viewer in each frame, to the avatar's left and up, radians."""
+        """How far the eyes look past the viewer in each frame, to the avatar's left and up, radians."""
         sound = np.zeros((frames, SAMPLES_PER_FRAME))
         sound.ravel()[: len(speech)] = speech[: sound.size]
         levels = 10 * np.log10(np.square(sound).mean(1) + 1e-12)
@@ -175,7 +175,7 @@ class Gaze:
 
 
 def between(ends: Sequence[float] | Float[np.ndarray, " 2"], share: float) -> float:
-    """The number so far from one end to the other."""
+    """Linear interpolation between two ends."""
     return float(ends[0] + share * (ends[1] - ends[0]))
 
 
@@ -184,7 +184,7 @@ def turn_head(
 ) -> MotionChunk:
     """Turn neck and head to the viewer; a rig without them is left as it is.
 
-    Where `helps` asks for more, they turn by that share of `HELPS` of what the eyes leave them.
+    `shares` is how far they turn to a speaking user, `helps` how far they help the eyes; the larger turn counts.
     """
     if not (shares.any() or helps.any()) or not _has_neck(skeleton):
         return motion
@@ -196,7 +196,7 @@ def turn_head(
 def turn_eyes(
     motion: MotionChunk, shares: Float[np.ndarray, " t"], glances: Float[np.ndarray, "t 2"], skeleton: Skeleton
 ) -> MotionChunk:
-    """Turn the eyes to the viewer, or beside (`glances`), from where the head faces, within the range of eyes."""
+    """Turn the eyes to the viewer, plus `glances` (radians), within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
     face = motion.face.astype(np.float32)
@@ -206,7 +206,7 @@ def turn_eyes(
 
 
 def warm_up(skeleton: Skeleton) -> None:
-    """Compile the loops; a machine does so once."""
+    """Compile the loops; the result is cached on disk."""
     still, shares = np.zeros((1, skeleton.joints, 4), np.float32), np.ones(1, np.float32)
     motion = MotionChunk(still, np.zeros((1, 3), np.float32), np.zeros((1, len(ARKIT_NAMES)), np.float32))
     turn_eyes(turn_head(motion, shares, shares, skeleton), shares, np.zeros((1, 2), np.float32), skeleton)
@@ -223,7 +223,7 @@ def _chain(skeleton: Skeleton) -> Int[np.ndarray, " n"]:
 
 @kernel()
 def _world(local, chain, count):  # type: ignore[no-untyped-def]
-    """The rotation of the joint that the first `count` ones of a chain lead to, from those of a frame (j, 4)."""
+    """World rotation of joint `count` - 1 of a chain, from a frame's local rotations (j, 4)."""
     world = IDENTITY
     for joint in chain[:count]:
         world = multiply(world, normalized(read_quaternion(local[joint])))
@@ -232,13 +232,13 @@ def _world(local, chain, count):  # type: ignore[no-untyped-def]
 
 @kernel()
 def _welcome(angle):  # type: ignore[no-untyped-def]
-    """How willingly the avatar looks at a viewer at this angle, 0 to 1."""
+    """How far the avatar looks at a viewer at this angle (radians) from its front, 0 to 1."""
     return min(max((BEHIND - angle) / (BEHIND - WELCOME), 0.0), 1.0)
 
 
 @kernel()
 def _write(out, rotation):  # type: ignore[no-untyped-def]
-    """Write it with w >= 0."""
+    """Write a rotation as a unit quaternion with w >= 0."""
     w, x, y, z = normalized(rotation)
     write_quaternion(out, (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z))
 
@@ -256,7 +256,7 @@ def _turn_head(rotations, chain, shares, helps):  # type: ignore[no-untyped-def]
         largest = FARTHEST * _welcome(angle) / angle
         beyond = helps[frame] * min(HELPS * max(1.0 - EYES_ALONE / angle, 0.0), largest)
         share = max(shares[frame] * min(largest, HEAD_SHARE), beyond) * angle / max(sine, 1e-6)
-        whole = (y * share, -x * share, 0.0)  # about (x, y, z) x (0, 0, 1), from its own +Z to the world's
+        whole = (y * share, -x * share, 0.0)  # about (x, y, z) x (0, 0, 1): from the head's +Z to the world's
         neck = multiply(from_rotation_vector(times(whole, NECK_SHARE)), neck)
         head = multiply(from_rotation_vector(whole), head)
         _write(local[chain[-2]], multiply(conjugate(below), neck))

@@ -1,9 +1,9 @@
-"""The way home: who has danced away steps back to where the session began, while nothing else moves the body.
+"""The way home: a body that has danced away steps back to where the session began, while nothing else moves it.
 
-Not in the paper. The generator has no place, so a dance of a minute ends metres away. The whole body is shown moved by
-a distance over the floor. It changes in steps only: one foot stands, the other is lifted and set down, and the hips
-follow. The body keeps its direction, so it is ready for the next sound at any time. When sound comes, the foot in the
-air lands, the other joins it, and the distance stays until the next pause.
+Not in the paper. The generator does not know where the body stands, so a dance of a minute ends metres away. The body
+is shown shifted over the floor by an offset, which changes in steps only: one foot stands, the other is lifted and set
+down, and the hips follow. The body keeps its heading, so it is ready for the next sound at any time. When sound comes,
+the foot in the air lands, the other joins it, and the offset stays until the next pause.
 """
 
 import math
@@ -22,22 +22,22 @@ from .motion_chunk import KEPT, MotionChunk
 from .stages.modes import FREE, MotionOptions
 
 WAIT_S = 2.5  # of rest before the first step
-FAR, HOME = 0.3, 0.02  # metres from home: where a way begins, and where it ends
+FAR, HOME = 0.3, 0.02  # metres from home from which the body walks, and at which it has arrived
 STILL = 0.02  # of a quaternion of the legs, in a chunk: about 9 degrees a second
-CLOSE = 2e-4  # metres between hips and feet at which a way is over
+CLOSE = 2e-4  # metres between the offsets of hips and feet at which the walk is over
 STEP_S = 0.44  # from one landing to the next
 STRIDE, SIDESTEP = 0.3, 0.22  # metres: the longest step ahead or back, and to a side
 LIFT = 0.05  # metres: height of a stepping foot
-AWAY, LANDS = 0.15, 0.9  # shares of a step in which the foot is in the air
+AWAY, LANDS = 0.15, 0.9  # shares of a step between which the foot travels
 DIP = 0.035  # metres by which walking hips are lower, so that both legs reach the floor
 SWAY = 0.03  # metres by which the hips go over the foot that stands
 FOLLOW = 7.0  # per second: how quickly the hips follow
 
 
 class _Way(NamedTuple):
-    """Distances by which parts are shown moved, metres along x and z, and how a step goes."""
+    """The offsets of feet and hips, metres along x and z (hips: x, y, z), and the step in progress."""
 
-    goal: tuple[float, float] | None = None  # of the way in progress
+    goal: tuple[float, float] | None = None  # the offset to walk to; None: no walk in progress
     feet: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))  # left, right; as planted
     hips: tuple[float, ...] = (0.0, 0.0, 0.0)
     speed: tuple[float, ...] = (0.0, 0.0, 0.0)  # of the hips, metres per second
@@ -49,7 +49,7 @@ class _Way(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the whole body is moved by one distance."""
+        """Whether hips and feet have the same offset, and no foot is in the air."""
         left, right = self.feet
         x, y, z = (part - there for part, there in zip(self.hips, (left[0], 0.0, left[1]), strict=True))
         return self.side < 0 and left == right and x * x + y * y + z * z < CLOSE * CLOSE
@@ -63,10 +63,10 @@ class Homecoming:
         self._chains = Chains(skeleton, list(skeleton.config.feet))
         self._legs = None if has_place else legs_of(skeleton, self._chains)
         self._seconds = chunk.frames / FRAME_RATE_HZ
-        self._ways: dict[int, _Way] = {}  # by chunk: as it ends, so that a chunk that is made again is the same
+        self._ways: dict[int, _Way] = {}  # after each chunk, so that a chunk that is made again is the same
 
     def apply(self, chunk: int, motion: MotionChunk, *, is_idle: bool) -> MotionChunk:
-        """The chunk where it is shown; `is_idle` says that nothing else moves the body."""
+        """The chunk with its offset; `is_idle` says that nothing else moves the body."""
         if self._legs is None:
             return motion
         way = self._ways.get(chunk - 1, _Way())
@@ -102,7 +102,7 @@ class Homecoming:
 
 
 def _stands(motion: MotionChunk, legs: Legs) -> bool:
-    """Whether the legs are as still at the end of a chunk as at its beginning."""
+    """Whether the legs have nearly the same pose at both ends of a chunk."""
     first, last = motion.rotations[[0, -1]][:, legs.joints.ravel()]
     return bool((1 - np.abs((first * last).sum(-1)) < STILL * STILL / 2).all())
 
@@ -147,7 +147,7 @@ def _next_step(way: _Way, ahead: tuple[float, float]) -> _Way:
 
 
 def _in_the_air(way: _Way) -> tuple[float, float, float]:
-    """How far the stepping foot is moved: it rises before it travels, and travels before it lands."""
+    """The offset of the stepping foot, metres: it rises before it travels, and travels before it lands."""
     share = way.frame / (STEP_S * FRAME_RATE_HZ)
     gone = float(smoothstep((share - AWAY) / (LANDS - AWAY)))
     (x, z), (to_x, to_z) = way.feet[way.side], way.land
@@ -156,7 +156,7 @@ def _in_the_air(way: _Way) -> tuple[float, float, float]:
 
 @kernel()
 def carry(legs, world, places, rotations, root, hips, feet):  # type: ignore[no-untyped-def]
-    """Move the hips of each frame, and each foot by its own distance; `world` and `places` are the legs' chains."""
+    """Move the hips and each foot of every frame by its offset; `world` and `places` are the legs' chains."""
     for frame in range(rotations.shape[0]):
         turn, way = read_quaternion(rotations[frame, 0]), read_vector(hips[frame])
         for side in range(2):
@@ -166,7 +166,7 @@ def carry(legs, world, places, rotations, root, hips, feet):  # type: ignore[no-
 
 
 def warm_up(skeleton: Skeleton) -> None:
-    """Compile the loop; a machine does so once."""
+    """Compile the loop; the result is cached on disk."""
     rest = Motion.at_rest(skeleton)
     if (legs := legs_of(skeleton)) is not None:
         Homecoming(skeleton)._walk(MotionChunk(rest.rotations, rest.root), _Way(), legs)

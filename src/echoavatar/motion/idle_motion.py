@@ -6,8 +6,8 @@ silence only. Dances and requested actions end all three. The times of all movem
 and the frame number, so a session that goes back breathes as it did the first time.
 
 A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. It also
-keeps a body that stands or talks over its feet, past which generated hips lean. The loop over frames is compiled,
-because it runs on every chunk of every session.
+keeps the hips of a standing or talking body over its feet; generated hips lean past them. The loop over frames is
+compiled, because it runs on every chunk of every session.
 """
 
 import math
@@ -34,7 +34,7 @@ from .motion_chunk import KEPT, ChunkFade, MotionChunk
 from .stages.modes import FREE, MotionOptions
 
 UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
-BREATH = np.array(  # radians at full lungs, about x and z, of the same joints
+BREATH = np.array(  # radians at full lungs, about x and z, of the joints in `UPPER`
     [[-0.006, 0], [-0.016, 0], [-0.018, 0], [0.016, 0], [0.014, 0], [0, 0.022], [0, -0.022]]
 )
 HEAD_SHARES = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # of the head's rotation, by joint
@@ -106,7 +106,7 @@ def breath(second, seed):  # type: ignore[no-untyped-def]
 
 @kernel()
 def leg(rotations, offsets, legs, side, hips):  # type: ignore[no-untyped-def]
-    """Turns of a frame's left (0) or right (1) thigh, shin and foot, and the way from hip joint to ankle."""
+    """World rotations of a frame's left (0) or right (1) thigh, shin and foot, and the way from hip joint to ankle."""
     upper, lower, foot = legs[1 + 3 * side], legs[2 + 3 * side], legs[3 + 3 * side]
     thigh = multiply(hips, read_quaternion(rotations[upper]))
     shin = multiply(thigh, read_quaternion(rotations[lower]))
@@ -116,7 +116,7 @@ def leg(rotations, offsets, legs, side, hips):  # type: ignore[no-untyped-def]
 
 @kernel()
 def shift_weight(rotations, root, offsets, legs, metres, balance):  # type: ignore[no-untyped-def]
-    """Move the hips of one frame to the body's left by `metres`, with balance 1 not past the feet; the feet stay."""
+    """Move the hips of one frame to the body's left by `metres`; the feet stay; `balance` 1: hips stay over them."""
     hips = read_quaternion(rotations[legs[0]])
     ahead = rotate(hips, (0.0, 0.0, 1.0))
     level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
@@ -149,7 +149,7 @@ def shift_weight(rotations, root, offsets, legs, metres, balance):  # type: igno
 def add_idle_motion(rotations, root, offsets, upper, legs, shares, shift, first, seed):  # type: ignore[no-untyped-def]
     """Add breath, looks and leans times each frame's share, and shifts of weight; `first` numbers the first frame.
 
-    `shift` is the farthest one, twice low-passed, once, and as wanted, in metres; the first two are written.
+    `shift` (3) is the farthest shift, metres: low-passed twice, once, and as wanted; the first two are updated.
     """
     follows = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ))
     for t in range(rotations.shape[0]):
@@ -189,7 +189,7 @@ class IdleMotion:
     def apply(
         self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool, talks: float = 0.0
     ) -> MotionChunk:
-        """The chunk plus idle motion; `is_idle` says that nothing else moves the body, `talks` how lively it talks."""
+        """The chunk plus idle motion; `is_idle`: nothing else moves the body; `talks`: how lively it talks, 0 to 1."""
         rotations, root = motion.rotations.astype(np.float32), motion.root.astype(np.float64)
         upper = np.array([_joint(skeleton, name) for name in UPPER])
         legs = np.array([_joint(skeleton, name) for name in ("hips", *LEGS)])
@@ -203,7 +203,7 @@ class IdleMotion:
 
 
 def warm_up(skeleton: Skeleton) -> None:
-    """Compile the loop; a machine does so once."""
+    """Compile the loop; the result is cached on disk."""
     rest = Motion.at_rest(skeleton)
     IdleMotion(0).apply(0, MotionChunk(rest.rotations, rest.root), skeleton, is_idle=True)
 

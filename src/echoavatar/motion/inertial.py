@@ -1,7 +1,7 @@
 """Join new motion to the pose on screen without a pop (inertialisation).
 
 When a stream is cut (`clear()`, a mode switched, a clip started), the new motion is shown at once, plus an offset: the
-difference between the old pose and the new one, and between their speeds. A quintic takes the offset to zero, with its
+difference between the old and the new pose, and between their speeds. A quintic takes the offset to zero, with its
 speed and acceleration, in 150 to 250 ms (Bollo's inertialisation in vector form). Unlike a cross-fade, this needs only
 one motion at a time, and the new motion is not delayed. Not in the paper.
 

@@ -46,7 +46,7 @@ class StreamInterpolator:
         return made
 
     def finish(self) -> MotionChunk:
-        """The frames up to the last source frame, which is continued straight; the next push begins anew."""
+        """The rest, up to the last source frame; the next push begins anew. Raises MotionError: nothing was pushed."""
         if self._past is None:
             raise MotionError("nothing was pushed, so there is nothing to finish; push a chunk first")
         last = self._past.part(-2)

@@ -1,4 +1,4 @@
-"""How networks run: state, compiled kernels, exported graphs, and the door to the lab's torch.
+"""How networks run: state, compiled kernels, exported graphs, and the torch modules of echoavatar-lab.
 
 May import `errors` and `cache`.
 """

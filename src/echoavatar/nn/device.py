@@ -1,4 +1,4 @@
-"""Where models run: on the processor, in so many threads, or on a GPU, for which the lab is asked."""
+"""Where models run: on the CPU, in a number of threads, or on a GPU, which needs echoavatar-lab."""
 
 import os
 
@@ -8,14 +8,14 @@ from .torch_backend import torch_backend
 
 
 def find_device(name: str) -> str:
-    """The device that is meant: `cpu`, `cuda`, a certain one such as `cuda:1`, or `auto`: the GPU where there is one.
+    """The device of this name: `cpu`, `cuda`, one GPU such as `cuda:1`, or `auto`: the GPU where there is one.
 
-    Raises EchoAvatarError if there is no such device here, DependencyError if a GPU is asked for without the lab.
+    Raises EchoAvatarError: there is no such device here. DependencyError: a GPU is named without echoavatar-lab.
     """
     if name == "cpu":
         return name
     kind, _, number = name.partition(":")
-    if name != "auto" and (kind != "cuda" or (number and not number.isdecimal())):
+    if name not in ("auto", "cuda") and (kind != "cuda" or not number.isdecimal()):
         raise EchoAvatarError(f"no device {name!r}; say cpu, cuda, cuda:1 or auto")
     try:
         found, why_none = torch_backend("a GPU").devices()

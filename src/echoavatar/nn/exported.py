@@ -1,7 +1,7 @@
-"""A streaming step that the lab exported as a graph: state in, state out, rows first. It needs no module of torch.
+"""A streaming step that echoavatar-lab exported as an ONNX graph: state in, state out, rows first; without torch.
 
 The graph lies beside `model.safetensors`, whose weights it reads. Its name ends in a hash of that file and the config
-(`graph_file`). So a graph that was made from other weights is not found, and the lab's module runs instead.
+(`graph_file`). So a graph that was made from other weights is not found, and the lab's torch module runs instead.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int
 
 
 def graph_file(folder: Path, name: str = "step") -> Path:
-    """Where a graph of a checkpoint lies, if it has one."""
+    """The path that a checkpoint's graph has, whether or not there is one."""
     with (folder / WEIGHTS).open("rb") as weights:
         digest = hashlib.file_digest(weights, "sha256")
     digest.update((folder / "config.json").read_bytes())
@@ -29,7 +29,7 @@ def graph_file(folder: Path, name: str = "step") -> Path:
 
 @dataclass
 class ExportedState(StreamState):
-    """The past in the order of the graph's inputs."""
+    """The graph's state, in the order of its inputs."""
 
     parts: list[Shaped[np.ndarray, "b ..."]]
 
@@ -39,20 +39,23 @@ class ExportedStep:
 
     def __init__(self, path: Path) -> None:
         """Load a graph and the weights beside it. Raises CheckpointError if it cannot be run."""
-        import onnxruntime  # takes a tenth of a second, which only bundles with graphs pay
+        import onnxruntime  # takes a tenth of a second, so only bundles with graphs load it
 
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # what is wrong is raised
-        weights = (path.parent / WEIGHTS).read_bytes()  # it would not follow links, such as those of the hub's cache
+        options.log_severity_level = 4  # errors are raised, not logged
+        weights = (path.parent / WEIGHTS).read_bytes()  # onnxruntime follows no links, as the hub's cache has
         options.add_external_initializers_from_files_in_memory([WEIGHTS], [weights], [len(weights)])
         try:
             self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # its errors have no common class
+        except Exception as error:  # onnxruntime's errors have no common class
             raise CheckpointError(f"{path} cannot be run ({error}); copy or download the bundle again") from error
-        _, *self._past = inputs = self._session.get_inputs()
-        self._names = [one.name for one in inputs]
+        inputs = self._session.get_inputs()
+        self._past, self._names = inputs[1:], [one.name for one in inputs]
+        is_known = all(one.type in _TYPES and all(isinstance(n, int) for n in one.shape[1:]) for one in self._past)
+        if not (inputs and is_known and len(inputs) == len(self._session.get_outputs())):
+            raise CheckpointError(f"{path} is not a step with a state; copy or download the bundle again")
 
     def init_state(self, rows: int) -> ExportedState:
         """Nothing seen yet."""
@@ -61,13 +64,13 @@ class ExportedStep:
     def step(
         self, x: Shaped[np.ndarray, "b ..."], state: ExportedState, active: Bool[np.ndarray, " b"]
     ) -> Shaped[np.ndarray, "b ..."]:
-        """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void.
+        """The output for the next frames, as many as the graph was made for; that of inactive rows means nothing.
 
-        Each row runs by itself: of several at once, a product may be summed in another order than of one.
+        Each row runs by itself, because a batch may sum a matrix product in another order than a single row.
         """
         past, outputs = state.parts, list[np.ndarray]()
         for row, is_active in enumerate(active.tolist()):
-            if not (is_active or not outputs):  # the first one runs, so that there is an output
+            if not (is_active or not outputs):  # the first row always runs, so that there is an output
                 outputs.append(outputs[0])
                 continue
             own = slice(row, row + 1)

@@ -21,10 +21,10 @@ class Matrices(NamedTuple):
 
 @kernel(reorders=True)
 def product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W, four outputs a pass; of x only as many columns as W has are read.
+    """Rows of x times W, four outputs a pass; columns of x beyond those of W are not read.
 
-    The four lie a quarter of W apart. So each pass goes on where the last one stopped in four long stretches of memory,
-    which a processor foresees, and large weights come a third faster than four neighbours at a time.
+    The four outputs lie a quarter of W apart. So the passes read four long stretches of memory in order, which a
+    processor prefetches: large weights come a third faster than with four neighbouring outputs.
     """
     weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
     outputs = weight.shape[0]

@@ -62,9 +62,9 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
 
 
 class _Kept(caching.FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one kernel, in several folders: all of them are read, and the first that can be is written.
+    """Numba's cache of one kernel in several folders: all are read, and the first writable one is written.
 
-    Numba's own refuses to import a kernel where it cannot write. Whatever is wrong with the files, it is compiled.
+    Numba's own cache refuses to import a kernel where it cannot write. If files are damaged, the kernel is compiled.
     """
 
     def __init__(self, function: Callable[..., Any], digest: str) -> None:
@@ -76,15 +76,15 @@ class _Kept(caching.FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for these types; None if no folder has it.
 
-        Numba's own also makes the compiler ready, which takes a seventh of a second, and which compiling does itself.
+        Numba's own method also prepares the compiler, which takes a seventh of a second and is needed only to compile.
         """
-        rtsys.initialize(target_context)  # memory of arrays
+        rtsys.initialize(target_context)  # arrays need it
         for folder in _folders():
             self._cache_file = self._file(folder)
             try:
                 if (found := self._load_overload(sig, target_context)) is not None:
                     return found
-            except Exception:  # damaged, unreadable, or it names the class of an argument that has moved since
+            except Exception:  # damaged, unreadable, or an argument's class has moved since
                 with suppress(OSError):
                     self._cache_file.flush()
         return None
@@ -109,9 +109,9 @@ class _Entries(caching.CompileResultCacheImpl):  # type: ignore[misc]
         self._locator = SimpleNamespace(_py_file=function.__code__.co_filename)
 
     def reduce(self, compiled: Any) -> Any:
-        """What is kept; the library's functions that were compiled into it come without their modules.
+        """What is stored: numba's form, without the modules of library functions that were compiled into it.
 
-        Numba would import these to read it. Its linear algebra loads SciPy where that is installed, which takes a fifth
+        Numba would import those modules when it loads the code. Its linear algebra imports SciPy, which takes a fifth
         of a second, and machine code looks up no names in a module.
         """
         *packed, environments = super().reduce(compiled)
@@ -127,7 +127,7 @@ def _without_module(environment: Any) -> Any:
 def fingerprint(function: Callable[..., Any], options: object = None) -> str:
     """Hash of a function's instructions, of the constants it uses and of the kernels it calls, however deep.
 
-    Finding the source of a hundred kernels would take a quarter of a second at every start.
+    It reads byte code, because finding the source of a hundred kernels would take a quarter of a second at every start.
 
     Raises:
         NameError: it uses a global name that is not defined yet.
@@ -144,7 +144,7 @@ def fingerprint(function: Callable[..., Any], options: object = None) -> str:
 
 @contextmanager
 def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
-    """The names of the functions that are compiled meanwhile, in any thread; `first` is called before the first.
+    """A context that lists the functions compiled in it, by any thread; `first` is called before the first one.
 
     Functions whose machine code is in the cache are not compiled.
     """
@@ -168,7 +168,7 @@ def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Where compiled code is written: the first of `_folders` that can be, or a temporary one."""
+    """Where compiled code is written: the first writable one of `_folders`, or a temporary one."""
     return first_writable(*_folders())
 
 
@@ -181,7 +181,7 @@ def _folders() -> list[Path]:
 
 
 def _in_order(option: object) -> object:
-    """Sets print in another order in every process, and the cache would never be found again."""
+    """A set as a sorted list, because sets print in another order in every process, which would change the hash."""
     return sorted(option) if isinstance(option, set) else option
 
 
@@ -191,7 +191,7 @@ def _instructions(code: CodeType) -> str:
 
 
 def _global_names(code: CodeType) -> set[str]:
-    """Read from the bytes of the code: `dis` would tell ten times as much in ten times as long."""
+    """The global names that the code loads, read from its bytes: `dis` takes ten times as long."""
     names, high = set[str](), 0
     for step, argument in zip(code.co_code[::2], code.co_code[1::2], strict=True):
         argument += high

@@ -10,7 +10,7 @@ from jaxtyping import Bool
 class StreamState:
     """The past of a running module: a dataclass of arrays or nested states, rows (sessions) first.
 
-    Modules of torch keep tensors in it. All-zero must mean "nothing seen yet", so that resetting is zeroing.
+    Torch modules keep tensors in it. All-zero must mean "nothing seen yet", so that resetting is zeroing.
     """
 
     def arrays(self) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""The one door to the lab, which keeps every module of torch: for a GPU, and for what has no graph or compiled loop."""
+"""The one import of echoavatar-lab, which has all torch modules: for GPUs, and for models without graph or kernel."""
 
 from importlib import import_module
 from pathlib import Path
@@ -13,19 +13,19 @@ class TorchBackend(Protocol):
     """What the lab's module `torch_backend` offers."""
 
     def load_part(self, name: str, folder: Path) -> Any:
-        """The module of a part: `codec`, `tokenizer`, `generator` or `face`. Raises CheckpointError if damaged."""
+        """The torch module of a part: `codec`, `tokenizer`, `generator` or `face`. CheckpointError if damaged."""
 
     def open_step(self, module: Any, device: str, step: str, init_state: str) -> Any:
         """A module's step on a device, with `init_state(rows)` and `step(x, state, active)` of arrays."""
 
     def open_generator(self, module: Any, device: str, precision: str) -> Any:
-        """The same for a generator, whose weights may be rounded."""
+        """As `open_step`, for a generator, whose weights may be rounded (`precision`)."""
 
     def random_generator(self, config: Any) -> Any:
         """A generator of random weights."""
 
     def devices(self) -> tuple[int, str]:
-        """How many GPUs there are, and why none, if so."""
+        """The number of GPUs and, if it is 0, the reason."""
 
     def describe(self) -> tuple[str, str]:
         """The version of torch, and the name of the GPU or nothing."""

@@ -47,7 +47,7 @@ def pack_pose(pose: Pose, *, at: int, epoch: int = 0, state: AvatarState = "idle
 def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
     """Unpack the frames of a motion message; quaternions are normalised.
 
-    Raises ProtocolError if the bytes do not fit the number of frames, or a place is not finite.
+    Raises ProtocolError if the bytes do not fit the number of frames, or a root position is not finite.
     """
     frames = motion.frames
     sizes = (len(motion.rotations), len(motion.root), len(motion.face))

@@ -22,7 +22,7 @@ TOO_LARGE = f"a message has at most {MAX_MESSAGE_BYTES:,} bytes; send long sound
 
 
 class ProtocolError(EchoAvatarError):
-    """The peer sent something invalid; `code` is returned to it in an `error` message."""
+    """The peer sent something invalid; the fields are returned to it in an `error` message (`messages.Error`)."""
 
     def __init__(
         self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0, place: int = 0
@@ -75,7 +75,7 @@ def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientM
 
 
 def decode_server(frame: bytes | str, encoding: Encoding = "msgpack") -> ServerMessage | None:
-    """Decode a server's message; None for a type that this version does not know, which is to be ignored.
+    """Decode a server's message; None for a type that this version does not know, which callers ignore.
 
     Raises ProtocolError if the frame is malformed.
     """

@@ -14,7 +14,7 @@ from echoavatar.errors import EchoAvatarError
 from .codec import ProtocolError
 
 if TYPE_CHECKING:
-    from anyio import CancelScope  # which only a server loads; the proxy checks origins with this module
+    from anyio import CancelScope  # only servers have anyio; the proxy, too, checks origins with this module
 
 
 def has_token(expected: str, headers: Mapping[str, str], given: str = "") -> bool:
@@ -24,7 +24,7 @@ def has_token(expected: str, headers: Mapping[str, str], given: str = "") -> boo
 
 
 def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
-    """Check the page that connects. Only browsers name one; other clients are let in.
+    """Check the Origin header of the page that connects. Only browsers send one; other clients are let in.
 
     Without an entry in `allowed`, a page may connect to the host that served it if that is `localhost` or an IP
     address, and pages of this machine to this machine. Anyone can point a host name at this server (DNS rebinding), so
@@ -48,9 +48,7 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
 
 
 def is_own_host(host: str, names: Collection[str]) -> bool:
-    """Whether a Host header names `localhost`, an IP address or one of `names` (hosts, or origins such as
-    `https://avatar.example.org`); a page's own name, pointed at this server, is none of these.
-    """
+    """Whether a Host header names `localhost`, an IP address or one of `names`: hosts or origins (`https://a.org`)."""
     try:
         asked = urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -97,7 +95,7 @@ def check_certificate(certificate: str, key: str | None) -> None:
     for path in filter(None, (certificate, key)):
         if not Path(path).is_file():
             raise EchoAvatarError(f"file {path} does not exist; give a PEM file")
-    try:  # without a password of ours, OpenSSL would ask for one at the terminal
+    try:  # without the empty password, OpenSSL would ask for one at the terminal
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, lambda: "")
     except (ssl.SSLError, OSError, ValueError) as error:
         reason = getattr(error, "reason", None) or error
@@ -108,8 +106,9 @@ def check_certificate(certificate: str, key: str | None) -> None:
 
 
 class Admission:
-    """Open WebSockets, at most `limit`. Each is known by the cancel scope in which it waits for its hello. Until the
-    hello it may have to give way to a new connection.
+    """The open WebSockets, at most `limit`. One that has not sent its hello may have to give way to a new one.
+
+    A WebSocket is identified by the cancel scope in which it waits for its hello.
     """
 
     def __init__(self, limit: int, per_address: int | None = None) -> None:

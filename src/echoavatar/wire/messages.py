@@ -105,7 +105,7 @@ class BodyOptions(Struct, frozen=True, kw_only=True):
     eye_contact: Annotated[
         Share, Meta(description="share of the time in which the eyes meet the viewer while the avatar speaks")
     ] = 0.5
-    feeling: Annotated[Share, Meta(description="how far the face shows what the voice feels, 0: not")] = 0.8
+    feeling: Annotated[Share, Meta(description="how far the face shows what the voice feels, 0: not at all")] = 0.8
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
@@ -128,7 +128,7 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
         int | None, Meta(description="resuming: the newest one received; a `flush` missed since is sent again")
     ] = None
     ticket: Annotated[
-        Name, Meta(description="any text that no other client has; who says it again soon keeps a place in the queue")
+        Name, Meta(description="any text that no other client has; repeating it soon keeps the place in the queue")
     ] = ""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
     body: Annotated[BodyOptions, Meta(description="for a new session; a resumed one keeps its own")] = BodyOptions()
@@ -138,7 +138,7 @@ class Audio(_Message, frozen=True, kw_only=True, tag="audio"):
     """Sound of one utterance, in order, as fast as the source likes (the inbox is bounded: `ready.limits`)."""
 
     seg: Utterance
-    start: Annotated[Samples, Meta(description="samples (per channel, own rate) of `seg` sent before these")]
+    start: Annotated[Samples, Meta(description="samples (per channel, source rate) of `seg` sent before these")]
     pcm: bytes
     speaker: Annotated[Speaker, Meta(description="user: the avatar listens to it; it is not played")] = "avatar"
 
@@ -164,7 +164,7 @@ class Action(_Message, frozen=True, kw_only=True, tag="action"):
 
     id: Annotated[Name, Meta(min_length=1)]
     name: Name
-    intensity: Annotated[float, Meta(ge=0, le=2, description="1: as in its clip")] = 1.0
+    intensity: Annotated[float, Meta(ge=0, le=2, description="size of its movements; 1: as in its clip")] = 1.0
     hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own length")] | None = None
 
 
@@ -202,11 +202,11 @@ class Music(_Message, frozen=True, kw_only=True, tag="music"):
 
 
 class Played(_Message, frozen=True, kw_only=True, tag="played"):
-    """The playback position, five times a second. At most `limits.ahead_seconds` are sent beyond the source's."""
+    """The playback position, five times a second. Motion goes at most `limits.ahead_seconds` beyond the source's."""
 
     at: Annotated[Samples, Meta(description="clock: first sample not yet heard")]
-    epoch: Annotated[int, Meta(ge=0, description="that of the newest `flush` or `ready` processed")] = 0
-    underruns: Annotated[int, Meta(ge=0, description="so far")] = 0
+    epoch: Annotated[int, Meta(ge=0, description="epoch of the newest `flush` or `ready` processed")] = 0
+    underruns: Annotated[int, Meta(ge=0, description="gaps in playback so far")] = 0
 
 
 class Ping(_Message, frozen=True, kw_only=True, tag="ping"):
@@ -232,8 +232,8 @@ class Rig(Struct, frozen=True, kw_only=True):
 class Latency(Struct, frozen=True, kw_only=True):
     """Milliseconds from the arrival of a sample to the departure of its motion."""
 
-    algorithm: Annotated[float, Meta(description="a whole chunk must be there")]
-    compute: Annotated[float, Meta(description="one step, measured")]
+    algorithm: Annotated[float, Meta(description="waiting for a whole chunk")]
+    compute: Annotated[float, Meta(description="one step, as measured")]
 
 
 class Limits(Struct, frozen=True, kw_only=True):
@@ -243,7 +243,7 @@ class Limits(Struct, frozen=True, kw_only=True):
     inbox_seconds: Annotated[float, Meta(description="sound that may wait to become motion")] = 600.0
     ahead_seconds: Annotated[float, Meta(description="motion is never sent further ahead of playback")] = 2.0
     resume_seconds: Annotated[float, Meta(description="how long a session waits for its source to return")] = 30.0
-    ping_seconds: Annotated[float, Meta(description="send something at least this often")] = 30.0
+    ping_seconds: Annotated[float, Meta(description="the client sends something at least this often")] = 30.0
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
@@ -257,7 +257,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
     at: Annotated[Samples, Meta(description="clock of the next motion")]
     epoch: int
     seg: Annotated[Segment, Meta(description="resumed: newest utterance known")]
-    received: Annotated[Samples, Meta(description="resumed: samples of `seg` received, own rate")]
+    received: Annotated[Samples, Meta(description="resumed: samples of `seg` received, source rate")]
     sample_rate: int
     frame_rate: int
     chunk_samples: int
@@ -306,7 +306,7 @@ class Flush(_Message, frozen=True, kw_only=True, tag="flush"):
     """Motion and audio from `at` on are void: drop them, and hold the pose at `at` until new motion arrives."""
 
     at: Samples
-    epoch: Annotated[int, Meta(description="of all that follows; older is stale")]
+    epoch: Annotated[int, Meta(description="epoch of all that follows; messages of older epochs are stale")]
     seg: Annotated[Segment, Meta(description="the utterance cut off; 0 is none")]
     heard: Annotated[Samples, Meta(description="samples of `seg` heard, at 24 kHz")]
 
@@ -340,7 +340,7 @@ class Stats(_Message, frozen=True, kw_only=True, tag="stats"):
     step_ms: Annotated[float, Meta(description="last step of the engine")]
     rtf: Annotated[float, Meta(description="engine work per second of motion; must stay below 1")]
     dropped: Annotated[int, Meta(description="motion messages not sent because the connection was slow")]
-    underruns: Annotated[int, Meta(description="as the player reported")]
+    underruns: Annotated[int, Meta(description="gaps in playback, as `played` reported")]
     sessions: int
 
 
@@ -351,7 +351,7 @@ class Error(_Message, frozen=True, kw_only=True, tag="error"):
     message: str
     fatal: bool
     retry_after: Annotated[float, Meta(description="seconds; 0: trying again will not help")]
-    place: Annotated[int, Meta(description="overloaded: in the queue of tickets, from 1 on; 0: none")] = 0
+    place: Annotated[int, Meta(description="overloaded: place in the queue of tickets, from 1 on; 0: none")] = 0
 
 
 class Pong(_Message, frozen=True, kw_only=True, tag="pong"):

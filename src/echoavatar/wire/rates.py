@@ -1,6 +1,6 @@
-"""Rates of clients: token buckets in memory, and the server's token, which an address may guess only so often.
+"""Rate limits of clients: token buckets in memory, and a limit on wrong guesses of the server's token.
 
-A client is `wire.guard.network_of` its address. Addresses are never written to disk.
+A client is identified by `wire.guard.network_of` its address. Addresses are never written to disk.
 """
 
 import logging
@@ -15,7 +15,7 @@ from .codec import ProtocolError
 from .guard import has_token, network_of
 
 _LOG = logging.getLogger(__name__)
-_KEYS = 20_000
+_KEYS = 20_000  # clients that are remembered
 
 
 class Rate(NamedTuple):
@@ -26,17 +26,17 @@ class Rate(NamedTuple):
 
 
 class Limiter:
-    """Buckets by key; if there are too many, the longest unused are dropped."""
+    """Token buckets by key; above `_KEYS`, the least recently used are dropped."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._lock = clock, threading.Lock()
         self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def wait(self, key: str, rate: Rate, *, patience: float = 0.0) -> float:
-        """Count a request, and return the seconds that it must wait until it may pass.
+        """Count a request, and return the seconds that it must wait; 0: it may pass.
 
         A request that would have to wait for longer than `patience` seconds is not counted, because it is refused.
-        So a negative patience only asks.
+        A negative patience counts nothing, and only asks.
         """
         with self._lock:
             now = self._clock()
@@ -75,7 +75,7 @@ class TokenGate:
         is_right = has_token(self._token, headers, given)
         if is_right and network not in self._known:
             wait = self._limiter.wait(network, self.GUESSES, patience=-1)
-        elif not is_right and (given or "authorization" in headers):  # no token is no guess
+        elif not is_right and (given or "authorization" in headers):  # a request without a token is no guess
             self._note(address)
             wait = self._limiter.wait(network, self.GUESSES)
         if wait:

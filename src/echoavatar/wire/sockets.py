@@ -1,9 +1,9 @@
-"""The one way to open a listening socket, and the bounds on the sockets that any client may open.
+"""The one way to open a listening socket, and the limits on the sockets that any client may open.
 
-Opening a socket needs no token, so nothing here may grow with the client's actions: neither the number of sockets, nor
-the time for which they owe us something, nor the lines they log. A socket is silent while it has not sent a whole
-request, or does not read our answer. It is closed after a while, or at once if all places are taken and it is the one
-that has been silent for longest. This module needs uvicorn and websockets, so only servers import it.
+Opening a socket needs no token, so a client must not be able to raise the number of sockets, the time for which they
+stay silent, or the number of lines in the log. A socket is silent while its client has not sent a whole request, or
+does not read our answer. It is closed after a while, or at once if all places are taken and it has been silent for
+longest. This module needs uvicorn and websockets, so only servers import it.
 """
 
 import asyncio
@@ -32,13 +32,13 @@ from .guard import check_certificate, is_own_host
 
 SILENCE_S = 10.0
 BODY_S = 60.0  # for the rest of a request whose headers have come
-UNREAD_S = 60.0  # without reading any more of our answer; what the kernel buffers takes a slow client as long
-CONNECTIONS = 4_096  # beside a server's WebSockets; a browser opens six
+UNREAD_S = 60.0  # without reading more of our answer; a slow client takes as long for what the kernel buffers
+CONNECTIONS = 4_096  # sockets, besides the avatar's WebSockets; a browser opens six
 SPARE_FILES = 128  # files that are not clients' sockets
 WANTED_FILES = 65_536
 BACKLOG = 1_024
 REPEAT_S = 10.0  # a repeated line is logged once in this time
-NOISY_LOGS = ("asyncio", "uvicorn.error")  # any client can make them log
+NOISY_LOGS = ("asyncio", "uvicorn.error")  # loggers to which any client can make the server write
 _REFUSAL_HEADERS = {
     "connection": "close",
     "content-security-policy": "default-src 'none'",
@@ -52,13 +52,13 @@ def listen(host: str, port: int) -> socket.socket:
     Raises EchoAvatarError if the port is taken, or may not be used.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # With the protocol named, asyncio sets TCP_NODELAY: small messages leave at once.
+    # asyncio sets TCP_NODELAY, which sends small messages at once, only where the protocol is named.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
         listener.listen(BACKLOG)
-    except (OSError, OverflowError, ValueError) as error:  # no such port; no such name
+    except (OSError, OverflowError, ValueError) as error:  # also for an invalid port or host name
         listener.close()
         reason = getattr(error, "strerror", None) or error
         raise EchoAvatarError(f"cannot listen on {host} port {port}: {reason}; choose another host or port") from error
@@ -66,11 +66,11 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 class WebServer(uvicorn.Server):
-    """Serves an ASGI application on one guarded socket, which is open from here on; `address` is its URL.
+    """Serves an ASGI application on one guarded socket, which the constructor opens; `address` is its URL.
 
     `names` are hosts and origins by which requests may name this server, beside `localhost` and IP addresses; None: any
-    (see `RequestChecks`). `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies`, addresses or networks,
-    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's. Raises EchoAvatarError
+    (see `RequestChecks`). `X-Forwarded-For` and `X-Forwarded-Proto` count only if they come from `proxies` (addresses
+    or networks). `on_ready` is called with the address. Further options are uvicorn's. Raises EchoAvatarError
     if the port is taken, or may not be used; or the certificate or its key cannot be used.
     """
 
@@ -104,7 +104,7 @@ class WebServer(uvicorn.Server):
             forwarded_allow_ips=list(proxies),
             timeout_graceful_shutdown=5,
             backlog=BACKLOG,
-            loop="asyncio" if certificate else "auto",  # GuardedTls needs asyncio's own
+            loop="asyncio" if certificate else "auto",  # GuardedTls needs asyncio's event loop
             ssl_certfile=certificate,
             ssl_keyfile=key,
             **options,
@@ -119,7 +119,7 @@ class WebServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, and call `on_ready`."""
         http, context = self.config.http_protocol_class, self.config.ssl
-        if context is not None:  # not by asyncio's server, which tells nobody of a socket in the handshake
+        if context is not None:  # asyncio's own TLS would hide sockets that are still in the handshake
             self.config.http_protocol_class = lambda **given: GuardedTls(http(**given), context)  # type: ignore
             self.config.ssl = None
         await super().startup(sockets)
@@ -138,7 +138,7 @@ async def serve_websockets(
 ) -> WebSocketServer:
     """Start a server of the websockets library on a guarded socket. A connection needs `files_each` open files.
 
-    Lines of `noisy_logs`, which clients can cause, are limited. Further options are the library's. Raises as `listen`.
+    Loggers in `noisy_logs` log repeated lines less often. Further options are the library's. Raises as `listen`.
     """
     log_less(*noisy_logs)
     guard = ConnectionGuard(count_places(CONNECTIONS, files_each=files_each))
@@ -153,7 +153,7 @@ def address_of(host: str, port: int) -> str:
 
 
 def count_places(wanted: int, *, files_each: int = 1) -> int:
-    """How many connections may be open: at most as many as this process may open files for."""
+    """How many connections may be open: `wanted`, or fewer if this process may not open as many files; at least 16."""
     return max(16, min(wanted, (raise_file_limit() - SPARE_FILES) // files_each))
 
 
@@ -173,7 +173,7 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
 
 
 def log_less(*names: str) -> None:
-    """Log a line that any client can cause only once per `REPEAT_S`."""
+    """Make the loggers of `NOISY_LOGS` and of `names` log a repeated line only once per `REPEAT_S`."""
     for name in (*NOISY_LOGS, *names):
         log = logging.getLogger(name)
         if not any(isinstance(known, RepeatFilter) for known in log.filters):
@@ -188,7 +188,7 @@ class RepeatFilter(logging.Filter):
         self._logged: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is logged. The text of a client in a line does not make it another one."""
+        """Whether the record is logged. Records whose templates begin alike count as equal."""
         now, text = time.monotonic(), str(record.msg).partition("\n")[0][:80]
         if now - self._logged.get(text, -REPEAT_S) < REPEAT_S:
             return False
@@ -222,7 +222,7 @@ class ConnectionGuard:
             self._make_room(connections)
 
     def expect(self, protocol: Any, transport: asyncio.Transport, seconds: float | None = None) -> None:
-        """The client owes us a request, the rest of one, or to read our answer: it is silent from now on."""
+        """The client must now send a request or the rest of one, or read our answer; until then it is silent."""
         self.settle(protocol)
         unread = transport.get_write_buffer_size()
         loop = asyncio.get_running_loop()
@@ -230,7 +230,7 @@ class ConnectionGuard:
         self._silent[protocol] = (transport, timer)
 
     def settle(self, protocol: Any) -> None:
-        """The client owes us nothing more, or the socket was closed."""
+        """The client did what was expected, or the socket was closed."""
         if protocol in self._silent:
             _, timer = self._silent.pop(protocol)
             timer.cancel()
@@ -261,7 +261,7 @@ class GuardedHttp(H11Protocol):
 
     guard: ClassVar[ConnectionGuard]
     handshake: "GuardedTls | None" = None
-    _begun: object = None  # the newest request that has come as far as its body
+    _begun: object = None  # the newest request whose headers have come
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """A socket was opened, and TLS agreed on."""
@@ -271,7 +271,7 @@ class GuardedHttp(H11Protocol):
         self.guard.enter(self, transport, self.connections)
 
     def handle_events(self) -> None:
-        """Bytes came, or the next of several requests is due; a request may be complete, or begin a WebSocket."""
+        """Handle bytes that came: a request may be complete or lack its body, or the socket became a WebSocket's."""
         super().handle_events()
         if self not in self.connections:
             self.guard.settle(self)
@@ -316,7 +316,7 @@ class GuardedTls(SSLProtocol):
 
     def __init__(self, http: GuardedHttp, context: ssl.SSLContext) -> None:
         loop = asyncio.get_running_loop()
-        super().__init__(loop, http, context, None, server_side=True)  # type: ignore[arg-type]  # nobody waits for it
+        super().__init__(loop, http, context, None, server_side=True)  # type: ignore[arg-type]  # nobody awaits it
         self._http = http
         http.handshake = self
 
@@ -333,7 +333,7 @@ class GuardedTls(SSLProtocol):
         super().connection_lost(exc)
 
     def finish(self) -> None:
-        """The handshake is over; from here on HTTP stands for this socket."""
+        """The handshake is over; from here on the HTTP protocol reports for this socket."""
         self._http.connections.discard(self)
         self._http.guard.settle(self)
 
@@ -355,7 +355,7 @@ class GuardedConnection(ServerConnection):
         self.guard.enter(self, self.transport, self.connections)
 
     def process_event(self, event: Event) -> None:
-        """The request came, or a frame."""
+        """A request or a frame came."""
         super().process_event(event)
         self.guard.settle(self)
 
@@ -369,9 +369,9 @@ class GuardedConnection(ServerConnection):
 class RequestChecks:
     """Refuses requests before the application sees them, and answers those that a stop of the server cuts off.
 
-    One that states its length twice gets 400, because a proxy may read it differently (request smuggling). One that
-    names a host that is not ours gets 421: a page may point its own host name at this server (DNS rebinding) and would
-    then read all that needs no token. With a token there is nothing to read, so such a server passes None for `names`.
+    A request that states its length twice gets 400, because a proxy may read it differently (request smuggling). A
+    request that names another host gets 421: a page may point its own host name at this server (DNS rebinding) and
+    would then read all that needs no token. A server with a token has nothing to read, and passes None for `names`.
     """
 
     def __init__(self, app: ASGIApp, names: tuple[str, ...] | None) -> None:
@@ -407,6 +407,6 @@ class RequestChecks:
 
 
 def wrong_host(host: str) -> str:
-    """Why a request that names this host is refused; browsers always name one, so a request without is let in."""
+    """The text of the refusal of a request that names this host."""
     name = host.partition(":")[0][:80]
     return f"this server does not answer as {name!r}; start it with --origin https://{name}"

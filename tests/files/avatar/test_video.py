@@ -100,8 +100,8 @@ def test_a_format_without_alpha_is_refused(tmp_path: Path) -> None:
         write_film(tmp_path / "clip.mp4", standing(1), np.zeros(800, np.float32), shot=Shot((32, 32), alpha=True))
 
 
-@pytest.mark.parametrize("size", [(161, 120), (160, 121)])
-def test_an_odd_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", [(161, 120), (160, 121), (0, 120), (160, -2)])
+def test_an_odd_or_empty_size_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     """Two by two pixels share a colour: beside the last one there is no memory to read or to write."""
     with pytest.raises(MotionError, match=f"{size[0]} x {size[1]} pixels cannot be; width and height are even"):
         write_film(tmp_path / "clip.webm", standing(2), np.zeros(0, np.float32), shot=Shot(size))

@@ -128,7 +128,7 @@ def test_a_left_handed_rig_is_mirrored_and_one_line_says_so(
     else:
         bvh(odd, path)
     rest = read_rig(path).skeleton.rest_positions
-    assert caplog.text.count("its left is on the right of its feet") == len(caplog.records) == 1
+    assert caplog.text.count("its left side is on the right where its toes point ahead") == len(caplog.records) == 1
     path.unlink()
     if suffix == ".glb":
         path.write_bytes(glb(Odd(BODY)))

@@ -80,3 +80,12 @@ def test_what_cannot_be_used_is_named(kind: str, short: Take, tmp_path: Path) ->
         write_npz(path, short.motion, face=short.face[:7], face_names=np.array(ARKIT_NAMES))
     with pytest.raises(MotionError):
         read_take(path)
+
+
+def test_a_map_is_refused_for_a_recording_and_does_not_hide_what_a_file_is(short: Take, tmp_path: Path) -> None:
+    write_npz(tmp_path / "a.npz", short.motion)
+    with pytest.raises(MotionError, match=r"a\.npz has known bones: a map is for a BVH"):
+        read_take(tmp_path / "a.npz", {"hips": "Hips"})
+    (tmp_path / "a.fbx").write_bytes(b"Kaydara FBX Binary")
+    with pytest.raises(MotionError, match=r"a\.fbx is neither .npz nor .bvh nor .glb"):
+        read_take(tmp_path / "a.fbx", {"hips": "Hips"})

@@ -141,3 +141,9 @@ def test_frames_so_slow_that_a_short_file_lasts_for_years_are_refused():
     slow = Motion(HUMANOID, np.tile(np.float32([1, 0, 0, 0]), (9_000, 52, 1)), np.zeros((9_000, 3), np.float32), 0.1)
     with pytest.raises(MotionError, match="too many frames"):
         resample(slow, 30.0)
+
+
+@pytest.mark.parametrize("fps", [0.0, -30.0, np.nan, np.inf])
+def test_a_rate_that_is_none_is_refused_before_anything_is_computed(fps: float) -> None:
+    with pytest.raises(MotionError, match="is not a frame rate"):
+        resample(Motion.at_rest(HUMANOID), fps)

@@ -49,7 +49,7 @@ class AvatarRenderer:
         face: Float[np.ndarray, " n"] | None = None,
         camera: Camera | None = None,
     ) -> UInt8[np.ndarray, "h w c"]:
-        """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
+        """The picture of world rotations and positions, sRGB; without `camera`, the shot's view follows the body."""
         view, who = self.shot.view, self.character
         joint, size = followed(view, who)
         self._renderer.camera = camera or aimed(view, positions[joint], size)

@@ -46,9 +46,9 @@ TEXELS = 1 << 25  # of a character's pictures; 2048 x 2048 for each of eight
 
 
 def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
-    """The pixels of a JPEG or PNG in a mode of Pillow.
+    """The pixels of a JPEG, PNG or WebP in a mode of Pillow.
 
-    Raises CheckpointError: the picture is damaged, or its header asks for more than `PIXELS`.
+    Raises CheckpointError: the picture is damaged, or has more pixels than `PIXELS`.
     """
     from PIL import Image
 
@@ -64,9 +64,9 @@ def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
 
 
 def decoded(pictures: Sequence[tuple[bytes, float]]) -> Texels:
-    """Decode pictures, each with a factor on its alpha, and reduce each by halves.
+    """Decode pictures, each with a factor on its alpha, and halve each `REDUCTIONS` - 1 times.
 
-    Many large ones are made smaller: they have `TEXELS` in all at most.
+    Many large ones are made smaller first, so that all together have at most `TEXELS`.
     """
     lists, table, start = [np.zeros((0, 4), np.uint8)], np.zeros((len(pictures), REDUCTIONS, 3), np.int64), 0
     side = 2 ** int(math.log2(math.sqrt(TEXELS / max(1, len(pictures)))))
@@ -231,8 +231,8 @@ PLACE_UNIT = 2.0**-14  # metres; how places are stored
 class Material(NamedTuple):
     """How a surface reflects light. Its colour is that of its picture times those of the vertices.
 
-    A cutout is drawn where the picture's alpha times `opacity` is a half or more; what `is_sheer` shows through as far
-    as that is below 1.
+    A cutout is drawn where the picture's alpha times `opacity` is a half or more; a sheer material shows through as far
+    as that product is below 1.
     """
 
     name: str
@@ -279,7 +279,7 @@ class Character:
     textures: Textures
     palette: tuple[Material, ...] = MATERIALS
     skeleton: Skeleton = HUMANOID
-    outfits: tuple[str, ...] = ()  # the first has the picture `outfit`, each other one its own: see `outfit_picture`
+    outfits: tuple[str, ...] = ()  # pictures: see `outfit_picture`
 
     def wearing(self, outfit: str) -> "Character":
         """The same person in another outfit, the only one; raises CheckpointError: there is none of this name."""
@@ -297,7 +297,7 @@ class Character:
 
     @property
     def sizes(self) -> tuple[float, float]:
-        """The height of its body, and that of its head from the neck on, over those of ours."""
+        """The height of the body, and that of the head above its joint, each over that of ours."""
         if self.skeleton is HUMANOID:
             return 1.0, 1.0
         ours = HUMANOID.rest_positions[HUMANOID.config.vrm["head"], 1]
@@ -307,7 +307,7 @@ class Character:
 
     @cached_property
     def boxes(self) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b 8 3"]]:
-        """The joints that vertices hang from, and from each of them to the corners of the box around these, metres."""
+        """The joints with vertices, and the corners of the box around each one's vertices, from the joint, metres."""
         owners = self.joints[np.arange(len(self.joints)), self.weights.argmax(1)]
         joints = np.unique(owners[owners < self.skeleton.joints])
         corners = np.empty((len(joints), 8, 3))

@@ -22,9 +22,9 @@ _TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees 
 _BESIDE, _ABOVE, _BEFORE = 0.55, 0.42, 3.9  # metres from the body to the camera
 _FIELD = 0.52  # radians
 _SHARE = 0.92  # of the picture that the body may fill
-_HOLDS = (math.inf, 4.0, 2.0, 1.0)  # seconds before and after a moment for which the camera stands ready
-_FARTHER = 1.2  # as far as the quickest camera stands a calmer one at most
-_FRAMES = 256  # are looked at together
+_HOLDS = (math.inf, 4.0, 2.0, 1.0)  # seconds before and after a frame over which the camera's path is smoothed
+_FARTHER = 1.2  # a calmer camera stands at most so many times as far away as the quickest
+_FRAMES = 256  # that are computed together
 Array = np.ndarray
 
 
@@ -126,7 +126,7 @@ def _edges(
 def _places(
     edges: Float[Array, "t 2 2"], hips: Float[Array, "t 3"], slopes: Float[Array, "2"], fps: float
 ) -> Float[Array, "t 3"]:
-    """The camera's places in its own axes: the calmest that does not stand much farther than the quickest would."""
+    """The camera's positions in its own axes: the calmest path that is not much farther away than the quickest."""
     found = []
     for aside, along in sorted(product(_HOLDS, repeat=2), key=sum, reverse=True):
         aim, depth = _smooth(hips[:, :2], aside, fps), _smooth(hips[:, 2], along, fps)
@@ -139,7 +139,7 @@ def _places(
 
 
 def _smooth(values: Array, hold: float, fps: float) -> Array:
-    """Means over `hold` seconds before and after each moment, or one value for all."""
+    """Means over `hold` seconds before and after each frame, or the middle for all frames if `hold` is infinite."""
     if math.isinf(hold):
         return np.broadcast_to(_middle(values), values.shape)
     for _ in range(2):

@@ -115,7 +115,7 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
 
 
 def materials(character: Character) -> list[dict[str, Any]]:
-    """The glTF form of `MATERIALS`, then what clothes are in each other outfit; vertex colours are factors."""
+    """The glTF form of `MATERIALS`, then the clothes' materials in each further outfit; vertex colours are factors."""
     index = {name: i for i, name in enumerate(_present(character.textures))}
     made = []
     for material in MATERIALS:
@@ -145,7 +145,7 @@ CLOTHES = tuple(i for i, material in enumerate(MATERIALS) if material.picture ==
 
 
 def _variants(character: Character, material: int) -> dict[str, Any]:
-    """What of a primitive says which material it has in which outfit."""
+    """The primitive's `KHR_materials_variants`: its material in each outfit; empty unless it is clothes."""
     if material not in CLOTHES or len(character.outfits) < 2:
         return {}
     place, step = len(MATERIALS) + CLOTHES.index(material), len(CLOTHES)
@@ -278,7 +278,7 @@ class GltfAnimation(NamedTuple):
 
 
 def pack_glb(character: Character, animations: Sequence[GltfAnimation], *, compact: bool = False) -> bytes:
-    """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
+    """The GLB's bytes; `compact` stores rotations in 16 bits (error below 0.01 degrees), the face in 8."""
     document, buffer = character_document(character)
     if animations:
         document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
@@ -316,7 +316,7 @@ def packed(document: dict[str, Any], buffer: Buffer, more: Sequence[dict[str, An
 
 
 def _nodes() -> list[dict[str, Any]]:
-    """The joints, the meshes, and the halfway bones, which hang on the parents of their bones."""
+    """Nodes of the joints, the meshes, and the halfway bones, which are children of their bones' parents."""
     nodes = joint_nodes(HUMANOID)
     nodes += [{"name": "body", "mesh": 0, "skin": 0}, {"name": "face", "mesh": 1, "skin": 0}]
     for name, source, parent in zip(BONES[HUMANOID.joints :], SOURCES, PARENTS, strict=True):

@@ -12,7 +12,7 @@ from echoavatar.errors import MotionError
 
 
 class PageClip(NamedTuple):
-    """One entry of the page: a title, the name of an animation in the GLB, and its sound as an Ogg file."""
+    """One entry of the page: a title, the name of an animation in the GLB, its sound as an Ogg file, and a note."""
 
     title: str
     animation: str
@@ -21,7 +21,7 @@ class PageClip(NamedTuple):
 
 
 def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> str:
-    """The page's HTML. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
+    """The page's HTML. All clips share the mesh in `glb`. Raises MotionError: a clip's animation is not in `glb`."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
     filled = {

@@ -1,4 +1,4 @@
-"""Pictures in the form that encoders take: luma of each pixel, colour of two by two of them (BT.601, 16 to 235)."""
+"""YUV 4:2:0 planes for video encoders: luma of each pixel, chroma of two by two (BT.601, limited range)."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ HALF, BLACK, GREY = N(1 << 15), N(16 << 16), N(128 << 16)
 
 @kernel()
 def to_planes(image, box, luma, blue, red):  # type: ignore[no-untyped-def]
-    """Write the even `box` of `image` (h, w, 3 or 4) sRGB into `luma` (h, w), and `blue` and `red` (h/2, w/2)."""
-    # Unsigned, or each index is asked whether it counts from the end, and the loops are not vectorised.
+    """Write `box` (even sides) of `image` (h, w, 3 or 4) sRGB into `luma` (h, w), Cb `blue` and Cr `red` (h/2, w/2)."""
+    # Unsigned: numba tests whether signed indices are negative, and then does not vectorise the loops.
     left, top, right, bottom = U(box[0]), U(box[1]), U(box[2]), U(box[3])
     for row in range(top, bottom):
         line, target = image[row], luma[row]

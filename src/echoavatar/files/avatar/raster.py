@@ -9,7 +9,7 @@ import numpy as np
 from echoavatar.nn.kernels import kernel
 
 F = np.float32
-U = np.uint64  # unsigned, or each index is asked whether it counts from the end
+U = np.uint64  # unsigned, because numba tests whether signed indices are negative
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
 TILE = U(8)  # samples
 FAR, TINY = F(1e6), F(1e-9)
@@ -30,7 +30,7 @@ def projected(points, position, axes, focal, width, height, screen):  # type: ig
 
 @kernel(fastmath=True)
 def box_of(screen, width, height):  # type: ignore[no-untyped-def]
-    """The pixels around the points before the camera: left, top, and right, bottom, which are not included."""
+    """The pixels around the points in front of the camera: left, top, and right, bottom, which are not included."""
     left, top, right, bottom = F(width), F(height), ZERO, ZERO
     for v in range(screen.shape[0]):
         if screen[v, 2] > ZERO:
@@ -63,7 +63,7 @@ def bounds(points, towards, box):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def centres(least, greatest, begin, end):  # type: ignore[no-untyped-def]
-    """The first sample from `begin` on, and the one behind the last, whose centres lie between two coordinates.
+    """The first sample from `begin` on, and the one after the last, whose centres lie between two coordinates.
 
     Limits are whole numbers, here and in `span`: they hold even for coordinates that are not finite.
     """
@@ -94,7 +94,7 @@ def border(weight, across, down):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
-    """The first column in a row of a triangle and the one behind the last, of 0 to count - 1.
+    """The first column in a row of a triangle and the one after the last, of 0 to count - 1.
 
     Both ends reach a hundredth further, which closes the seam between neighbours. Borders are negated for `min`:
     `max` compiles to far slower code.
@@ -139,10 +139,10 @@ def is_hidden(near, left, top, right, bottom, tiles):  # type: ignore[no-untyped
 def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, sheer, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
 
-    Backs come last: most are inside the body, behind what is drawn already.
+    Back faces are drawn last: most are inside the body, behind front faces.
 
-    `two_sided` (f) triangles are seen from both sides. `cutouts` (f) names the picture whose alpha of a half or more is
-    seen alone, or is -1. A `sheer` (f) one is seen in as many of four neighbouring samples as its alpha says.
+    `two_sided` (f) triangles are seen from both sides. `cutouts` (f) is the row of the picture that hides a triangle
+    where its alpha is below a half, or -1. A `sheer` (f) one is seen in as many of four samples as its alpha says.
     """
     left, top, right, bottom = box
     if left >= right or top >= bottom:

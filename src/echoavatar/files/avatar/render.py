@@ -24,7 +24,7 @@ SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
 SPREAD_METRES = np.float32(0.25)  # from the body to the end of its shadows' soft edges
-MATT = 0.7  # skin that is rougher is painted hair
+MATT = 0.7  # roughness above which skin is painted hair
 Box = tuple[int, int, int, int]  # pixels: left, top, and right, bottom, which are not included
 NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
 
@@ -52,11 +52,11 @@ class Paint:
     """Data that all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
-    triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
+    triangles: Integer[np.ndarray, "f 3"]  # unsigned: see `raster.U`
     uvs: Float[np.ndarray, "v 2"]
     pictures: Int[np.ndarray, " f"]  # -1: none
     two_sided: Bool[np.ndarray, " f"]
-    cutouts: Int[np.ndarray, " f"]  # the picture whose opaque places are seen alone; -1: none
+    cutouts: Int[np.ndarray, " f"]  # the picture whose clear places are cut out; -1: none
     sheer: Bool[np.ndarray, " f"]  # whether a cutout shows through where it is less than opaque
     glosses: Float[np.ndarray, "f 2"]
     texels: Texels
@@ -112,7 +112,7 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one picture size before one backdrop, and keeps its buffers between frames; for one thread.
+    """Draws surfaces at one size on one backdrop, and keeps its buffers between frames; for one thread at a time.
 
     Attributes:
         empty: (h, w, c): the picture of nothing.
@@ -191,7 +191,7 @@ class Renderer:
         rays: NDArray[np.float32],
         to_light: NDArray[np.float32],
     ) -> Box:
-        """Darken the floor around the places that the body's shadow can reach; returns the box around them, pixels."""
+        """Darken the floor where the body's shadow falls; returns the box around the pixels that may have changed."""
         middle, contact_map = self._touch(points)
         low, high = self._bounds[2, 0] - SPREAD_METRES, self._bounds[2, 1] + SPREAD_METRES
         corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)

@@ -12,7 +12,7 @@ from echoavatar.nn.kernels import kernel
 
 from .raster import HALF, ONE, TINY, ZERO, F, U, repeated
 
-BLUR = F(2.5)  # a sample that covers more texels reads the next smaller picture
+BLUR = F(2.5)  # a sample that covers more texels reads the next mip level
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 BATCH = 496  # samples that are lit at once; of a power of two, rows would lie in the same lines of the cache
 WHOLE = -1  # count of a pixel whose samples are lit as one
@@ -25,7 +25,7 @@ TEXEL, KEY, SHINE, PAINT = POINT, NORMAL, NORMAL + 1, UV
 def lit(u, v, height, shadow):  # type: ignore[no-untyped-def]
     """Share of the key light that reaches a height over a place in texels: 3 x 3 taps of the shadow map.
 
-    Where the corners and the middle of the window agree, they decide alone.
+    If the corners and the middle of the window agree, the other taps are not read.
     """
     size = shadow.shape[0]
     column, row = int(u - HALF), int(v - HALF)
@@ -227,8 +227,8 @@ def floor_shadow(  # type: ignore[no-untyped-def]
 ):
     """Darken the floor in `box` by the key light's shadow and by the nearness of the body (`contact`, n x n).
 
-    `reach` (2) are the shadow map's columns between which there is any; `contact_map` (2, 2) holds scale and shift from
-    metres (x, z) to cells. A fourth channel becomes opaque instead. Returns the first column and the one behind the
+    `reach` (2) are the shadow map's columns between which there is shadow; `contact_map` (2, 2) holds scale and shift
+    from metres (x, z) to cells. A fourth channel becomes opaque instead. Returns the first column and the one after the
     last that may have changed.
     """
     left, top, right, bottom = box
@@ -279,9 +279,9 @@ def floor_shadow(  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True)
 def softened(cells):  # type: ignore[no-untyped-def]
-    """Each of `cells` (n, n) becomes the mean of nine along each axis, thrice. Beside the field all is 0.
+    """Blur `cells` (n, n), thrice: means of nine cells along each axis. Cells beyond the edge count as 0.
 
-    A product of matrices would be shorter, but its threads, which wait for work, take it from those that draw.
+    A matrix product would be shorter, but its idle threads would take processor time from those that draw.
     """
     count, line = cells.shape[0], np.empty(cells.shape[0], np.float32)
     for _ in range(2):

@@ -57,12 +57,14 @@ def write_film(
     `face` holds blendshape weights beside the motion; None is a still face.
 
     Raises:
-        MotionError: the file cannot be written, the suffix has no alpha channel, a side of the shot is odd, or the face
-            does not fit the motion.
+        MotionError: the file cannot be written, the suffix has no alpha channel, a side of the shot is odd or empty,
+            there is no such background, or the face does not fit the motion.
+        DependencyError: the shot's renderer is `gpu`, and there is no OpenGL.
     """
     shot, suffix, character = shot or Shot(), path.suffix.lower(), character or load_character()
-    if any(side % 2 for side in shot.size):
-        raise MotionError(f"a film of {shot.size[0]} x {shot.size[1]} pixels cannot be; width and height are even")
+    if any(side % 2 or side < 2 for side in shot.size):
+        wide, high = shot.size
+        raise MotionError(f"a film of {wide} x {high} pixels cannot be; width and height are even, 2 or more")
     if shot.alpha and suffix != ".webm":
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames, len(character.face.names))

@@ -40,7 +40,7 @@ bpy.ops.export_scene.fbx(filepath=target, add_leaf_bones=False, bake_anim=True,
 
 
 def find_blender() -> list[str]:
-    """The words before the name of a script: of $BLENDER, the Blender on the search path, or Python with `bpy`.
+    """The command that runs a script: with $BLENDER, the Blender on the search path, or Python with `bpy`.
 
     Raises DependencyError: there is no Blender.
     """

@@ -37,7 +37,7 @@ def write_take(
     shot: "Shot | None" = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a take, retargeted to `rig` where one is given. What a format needs is imported for it alone.
+    """Write a take, retargeted to `rig` if one is given. Each format imports only what it needs.
 
     A film shows `rig` or `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all.
 

@@ -1,8 +1,7 @@
-"""The user's own character (VRM or GLB) in the form in which films draw ours.
+"""The user's own character (VRM or GLB) as a `Character`, which films draw like ours.
 
-Its meshes are put into the rest pose of its rig once; from there every frame moves them with the bones, as it does
-ours. Lit are the base colours, with their pictures (PNG, JPEG, WebP) and alpha; toon shading, reliefs, and hair that
-swings are not shown.
+Its meshes are put into the rest pose of its rig once; from there every frame moves them with the bones. Films show the
+base colours, with their pictures (PNG, JPEG, WebP) and alpha, but no toon shading, normal maps or swinging hair.
 """
 
 import io
@@ -29,23 +28,23 @@ from .target_rig import Rig
 _log = logging.getLogger(__name__)
 Array = np.ndarray
 _Shapes = defaultdict[tuple[int, int], list[tuple[Array, ...]]]  # node and target: vertices, moves, turns
-_SHOWN = re.compile(  # required extensions that take nothing from the picture
+_SHOWN = re.compile(  # required extensions with which a film is complete
     "KHR_(mesh_quantization|draco_mesh_compression|meshopt_compression|texture_transform|texture_basisu|materials_unlit|"
     "materials_pbrSpecularGlossiness)|EXT_(meshopt_compression|texture_webp)|VRM.*"
 )
-_FARTHEST = 4096.0  # as often as that a picture repeats at most
+_FARTHEST = 4096.0  # a picture repeats at most so often
 
 
 def film_character(rig: Rig, face: Float[Array, "t 52"] | None, frames: int) -> tuple[Character, Float[Array, "t n"]]:
     """The character of a rig, and the weights of its blendshapes in each frame.
 
-    What a film cannot show of it is said in one warning.
+    One warning lists what a film cannot show of it.
 
     Raises MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
     """
     if rig.gltf is None or not rig.has_mesh:
         raise MotionError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
-    with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
+    with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # checked below
         weights = {} if face is None else face_on(rig.path, rig.gltf.document, face)
         wanted = {node: np.flatnonzero(rows.any(0)) for node, rows in weights.items()}
         character, moved = _character(rig.gltf, rig.skeleton, wanted)
@@ -158,7 +157,7 @@ class _Paints:
         self.palette: list[Material] = []
         self.textures: Textures = {}
         self._known: dict[int, int] = {}  # rows of the palette
-        self._unseen: dict[str, str] = {}  # pictures that are not shown, by name, and their kind
+        self._unseen: dict[str, str] = {}  # by name of a picture that is not shown: its kind
 
     def material(self, part: Part) -> int:
         """The palette's row for a primitive."""
@@ -182,7 +181,7 @@ class _Paints:
         )  # fmt: skip
 
     def _white(self) -> str:
-        """The name of a white picture, for what is clear without one."""
+        """The name of a white picture, for see-through materials that have none."""
         file = io.BytesIO()
         Image.new("RGBA", (1, 1), "white").save(file, "PNG")
         self.textures["white"] = file.getvalue()
@@ -216,7 +215,7 @@ class _Paints:
         return ""
 
     def uvs(self, part: Part) -> Float[Array, "v 2"]:
-        """Places on the base colour's picture."""
+        """Coordinates on the base colour's picture, v downwards, at least 0."""
         _, _, base, _ = self._surface(part.entry.get("material", -1))
         moved = base.get("extensions", {}).get("KHR_texture_transform", {})
         name = f"TEXCOORD_{moved.get('texCoord', base.get('texCoord', 0))}"

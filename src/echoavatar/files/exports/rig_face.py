@@ -25,7 +25,7 @@ _JAW = APPLE_NAMES.index("jawOpen"), sorted(APPLE_NAMES).index("jawOpen")
 
 
 def face_on(path: Path, document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Float[Array, "t n"]]:
-    """Weights of the morph targets of each node with a face; a warning says which curves nothing shows."""
+    """Weights of the morph targets of each node with a face; a warning names the curves that move nothing."""
     named, (expressed, binds) = _named(document, len(curves)), _expressed(document)
     silent = silent_curves(np.concatenate([expressed[:, :0], *named.values()], 1))
     if len(still := silent_curves(expressed)) <= len(silent) and binds:
@@ -50,7 +50,7 @@ def expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -
 
 
 def _named(document: dict[str, Any], frames: int) -> dict[int, Float[Array, "k n"]]:
-    """What the names of the morph targets of each node say."""
+    """For each node, how the curves drive its morph targets by their names (see `driven`)."""
     meshes: dict[int, Array] = {}
     found: dict[int, Array] = {}
     total = 0
@@ -69,7 +69,7 @@ def _named(document: dict[str, Any], frames: int) -> dict[int, Float[Array, "k n
 
 
 def _expressed(document: dict[str, Any]) -> tuple[Float[Array, "k e"], dict[int, Float[Array, "e n"]]]:
-    """What the names of a VRM's expressions say, and how far each moves each morph target of a node."""
+    """How the curves drive a VRM's expressions by name, and how far these move the morph targets of each node."""
     binds = _binds(document)
     names = list(dict.fromkeys(name for name, *_ in binds))
     tables: dict[int, Array] = {}
@@ -83,7 +83,7 @@ def _expressed(document: dict[str, Any]) -> tuple[Float[Array, "k e"], dict[int,
 
 
 def _binds(document: dict[str, Any]) -> list[_Bind]:
-    """What the expressions of a VRM bind. A bind of VRM 0.x counts for each node of its mesh."""
+    """The binds of a VRM's expressions. A bind of VRM 0.x counts for each node of its mesh."""
     made = list(islice(_each_bind(document), BINDS + 1))
     if len(made) > BINDS:
         raise ValueError(f"expressions that name more than {BINDS:,} morph targets")
@@ -111,7 +111,7 @@ def _each_bind(document: dict[str, Any]) -> Iterator[_Bind]:
 def target_names(document: dict[str, Any], mesh: dict[str, Any]) -> list[str]:
     """The name of each morph target, from wherever exporters write it; "" where there is none.
 
-    52 targets without any name are ARKit's, in Apple's order, or in that of the alphabet if its jaw moves farther.
+    52 targets without names (51: no tongue) are ARKit's, in Apple's order, or alphabetical if its jaw moves more.
     """
     part = mesh["primitives"][0]
     targets, accessors = part.get("targets", []), document.get("accessors", [])

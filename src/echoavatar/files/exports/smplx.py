@@ -23,10 +23,7 @@ _EXPRESSIONS = 100
 
 
 def write_smplx(path: Path, take: Take) -> None:
-    """Write a take on our rig.
-
-    Raises MotionError: the file cannot be written.
-    """
+    """Write a take, retargeted to our rig. Raises MotionError: the file cannot be written."""
     motion = take.on_humanoid().motion
     rig = skeleton()
     theirs, ours = bone_map(rig), bone_map(motion.skeleton)

@@ -47,11 +47,11 @@ class Take:
 
 
 def read_take(path: Path, given: "JointMap | None" = None, animation: str | None = None) -> Take:
-    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH or glTF, whose bones `given` may name.
+    """The take in a file: an NPZ of `animate`, `say` or SMPL, or a BVH or glTF, for which `given` may map the bones.
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 
-    Raises MotionError: the file is missing, damaged, or of another kind.
+    Raises MotionError: the file is missing, damaged, or of another kind. DependencyError: what unpacks it is missing.
     """
     kind = kind_of(path)
     if kind == BVH:
@@ -60,10 +60,10 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
         from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 
         return Take(read_gltf_clip(path, animation, given))
-    if given is not None:
-        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     if kind != NPZ:
         raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; convert it, for example to .glb in Blender")
+    if given is not None:
+        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 
     try:

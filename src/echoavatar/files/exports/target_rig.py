@@ -1,9 +1,9 @@
 """The user's character or skeleton (VRM, GLB or BVH): motion is retargeted to it, and written into its own file.
 
 The skeleton stands with its soles at y = 0 and its hips above the origin, in metres, Y up, facing +Z, whatever place,
-axes and unit its file has. Its rest pose has no rotations. A take is put on the same body in our rest pose and of our
-size (`plain_rig`); so neither rest pose nor size changes a pose. Written into a GLB, it plays where the character
-stands there, and turned, scaled or mirrored as it is. The file's animations are replaced, and everything else stays.
+axes and unit its file has. Its rest pose has no rotations. Takes are retargeted to the same body in our rest pose and
+size (`plain_rig`), so neither rest pose nor size changes a pose. Written into a GLB, a take plays where the character
+stands, turned, scaled and mirrored as it is. The file's animations are replaced, and everything else stays.
 """
 
 import logging
@@ -87,7 +87,7 @@ def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"],
 
 
 def _standing_place(rig: GltfRig, skeleton: Skeleton) -> Float[Array, "3"]:
-    """Our place of the origin of the hips' space in the file, where its feet are on its own floor."""
+    """The skeleton's coordinates of the origin of the hips' space, if the character stands as in its file; metres."""
     bones, rest = skeleton.config.vrm, skeleton.rest_positions.astype(np.float64)
     feet = [bones["leftFoot"], bones["rightFoot"]]
     floor = min(rig.place(rig.order[foot])[1] for foot in feet) - rest[feet, 1].min()
@@ -146,7 +146,7 @@ class Rig:
 
     @cached_property
     def _size(self) -> float:
-        """How many times as long as ours the legs are."""
+        """Length of the legs over that of ours."""
         return leg_length(self.skeleton, self.skeleton.config.vrm) / leg_length(HUMANOID, HUMANOID.config.vrm)
 
     @cached_property
@@ -191,6 +191,7 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
 
     Raises:
         MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
+        DependencyError: the file is compressed, and the package that unpacks it is missing.
     """
     with reading(path):
         kind = kind_of(path)

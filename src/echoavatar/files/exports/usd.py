@@ -81,7 +81,7 @@ def _paths() -> list[str]:
 
 
 def _offsets() -> Float[np.ndarray, "b 3"]:
-    """Each bone's place from its parent."""
+    """Each bone's rest offset from its parent, metres."""
     own = HUMANOID.offsets
     return np.concatenate([own, own[list(SOURCES)]])
 

@@ -8,7 +8,7 @@ from echoavatar.config import Config
 from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
 
 CODE_LAYERS = 2
-"""RVQ layers that exist for us (paper, Settings: the first two of EnCodec); no others are ever computed."""
+"""RVQ layers in use (paper, Settings: the first two of EnCodec); no others are ever computed."""
 
 
 class CodecConfig(Config):

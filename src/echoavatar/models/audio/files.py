@@ -1,6 +1,7 @@
-"""Sound files, opened by their content: the parts that were put one after another, their tracks, the decoded pieces.
+"""Sound files, opened by their content: sounds that were concatenated in one file, their tracks, the decoded pieces.
 
-Whatever ffmpeg's libraries read (PyAV). A name is never taken for an address, and no file makes another one be read.
+All formats of ffmpeg's libraries (PyAV) that hold sound. A file name is never taken for a URL, and no file can make the
+libraries read another one.
 """
 
 import logging
@@ -39,12 +40,12 @@ _CONTAINERS = (
 )
 _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file,subfile"}
 _LARGEST_BYTES = 1 << 40
-_PACKET = 4096  # bytes of a WAV that are decoded at once, or a few more
+_PACKET = 4096  # bytes of a WAV that are decoded at once, rounded up to whole samples
 _MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
-_STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
-_LATE_S = (0.1, 600.0)  # so late sound begins in a film, whose time it keeps
-_BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the length that a file states: it breaks off; it knew no length
+_STATE_LENGTH = ("aiff", "flac", "mov")  # formats that state their length; of others FFmpeg guesses it
+_LATE_S = (0.1, 600.0)  # a video's sound that begins so late gets silence before it
+_BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the stated length: with less a file breaks off, or states no real length
 _BEGINS = {  # of files without an index, by their first four letters
     b"\x1aE\xdf\xa3": re.compile(rb"\x1aE\xdf\xa3.{1,60}?(?:webm|matroska)", re.DOTALL),
     b"FORM": re.compile(rb"FORM....AIF[FC]", re.DOTALL),
@@ -80,7 +81,7 @@ class Piece(NamedTuple):
 
 
 def check_sound(path: Path) -> None:
-    """Refuse at once what is no file with sound in it: its first piece is decoded.
+    """Check that a file holds sound, by decoding its first piece.
 
     Raises AudioError if there is nothing, a folder, no regular file, or no sound in it.
     """
@@ -102,7 +103,7 @@ def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | 
 
 
 def open_sound(path: Path, part: range | None = None) -> InputContainer:
-    """Open a sound or video file, or these bytes of it, that holds its own sound; raises av.FFmpegError for others."""
+    """Open a sound or video file, or the bytes `part` of it; raises av.FFmpegError if it holds no sound of its own."""
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
     address = f"subfile,,start,{part.start},end,{part.stop},,:file:{path}" if part else f"file:{path}"
     options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
@@ -116,7 +117,7 @@ def open_sound(path: Path, part: range | None = None) -> InputContainer:
 
 @lru_cache(maxsize=1)
 def _sound_decoders() -> str:
-    """Names of what decodes sound. A cover's picture would be decoded too, for its size, whatever memory it takes."""
+    """Names of the sound decoders. Otherwise FFmpeg would decode a cover picture, too, whatever memory that takes."""
     found = []
     for name in av.codecs_available:
         with suppress(UnknownCodecError):  # it only encodes
@@ -125,7 +126,7 @@ def _sound_decoders() -> str:
 
 
 def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
-    """All pieces of one track, or of every track as they come; damage is passed over, and with `is_told` in the log.
+    """All pieces of one track, or of every track as they come; damage is skipped, and with `is_told` logged.
 
     Raises AudioError if it is not sound, has no track of sound, or cannot be read.
     """
@@ -154,7 +155,7 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
     wav = _wav_form(_head(path, part.start)) if container.format.name == "wav" else None
     decoders = {stream.index: _decoder(stream, wav[2] if wav else "") for stream in streams}
     if is_told and wav and wav[0] != wav[1]:
-        _LOG.warning("%s: its samples of all channels are read as %d bytes, not %d as by its header", path, *wav[:2])
+        _LOG.warning("%s: a sample of all channels is read as %d bytes, not %d as its header states", path, *wav[:2])
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
     packets, faults, seconds, begun = container.demux(streams), 0, 0.0, set[int]()
     while faults <= _MOST_FAULTS:
@@ -190,12 +191,12 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
 
 
 def _tracks(container: InputContainer) -> list[av.AudioStream]:
-    """The tracks of sound, before others those that the file says to play, as players do."""
+    """The sound tracks, those that the file marks as default first."""
     return sorted(container.streams.audio, key=lambda stream: not stream.disposition & Disposition.default)
 
 
 def _share(container: InputContainer, path: Path, part: range, seconds: float) -> float:
-    """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
+    """The share of the stated length that is there; 1 if none, or only a placeholder such as 2 GB, is stated."""
     first, share = _tracks(container)[0], 1.0
     if container.format.name == "wav":
         share = len(part) / (8 + int.from_bytes(_head(path, part.start)[4:8], "little"))
@@ -211,9 +212,9 @@ def _head(path: Path, start: int = 0, length: int = 1024) -> bytes:
 
 
 def _wav_form(head: bytes) -> tuple[int, int, str] | None:
-    """Bytes of a sample of all channels, the same as stated, and the decoder of whole numbers, of a WAV of samples.
+    """Of a WAV of PCM samples: bytes of a sample of all channels, computed and stated, and the decoder of integers.
 
-    Where bits and block align contradict each other, the bytes of a second decide.
+    Where bits and block align contradict each other, the bytes of a second decide. None for other files.
     """
     found = _WAV_HEAD.search(head) if head.startswith(b"RIFF") else None
     if found is None:
@@ -228,7 +229,7 @@ def _wav_form(head: bytes) -> tuple[int, int, str] | None:
 
 
 def _decoder(stream: av.AudioStream, kind: str) -> Any:
-    """What decodes a track. FFmpeg takes 24 bits in 32 for floats that a program of the nineties wrote."""
+    """The decoder of a track: `kind` if given, as FFmpeg takes 24 bits in 32 for the floats of an old program."""
     if not kind:
         return stream
     whole: Any = av.CodecContext.create(kind, "r")
@@ -239,10 +240,10 @@ def _decoder(stream: av.AudioStream, kind: str) -> Any:
 def _stated_roles(stream: av.AudioStream) -> tuple[str, ...]:
     """The roles of a track's channels as its file orders them.
 
-    PyAV frees the list of an order of the file's own (CAF, MOV) once for each frame, which ends the process. So such a
-    list is taken from the decoder, which then counts the channels only.
+    If a file has a channel order of its own (CAF, MOV), PyAV frees that list once for each frame, which crashes the
+    process. So the list is removed from the decoder, which then only counts the channels.
     """
-    if (context := stream.codec_context) is None:  # a codec that nobody knows
+    if (context := stream.codec_context) is None:  # an unknown codec
         return ()
     layout = context.layout
     roles = tuple(channel.name for channel in layout.channels)
@@ -252,7 +253,7 @@ def _stated_roles(stream: av.AudioStream) -> tuple[str, ...]:
 
 
 def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
-    """The roles of channels; where the file does not say them, 2, 6 or 8 are those that WAV and FLAC mean."""
+    """The roles of channels; where the file states none, those that WAV and FLAC have by default (`usual_roles`)."""
     roles = tuple(channel.name for channel in layout.channels)
     if set(roles) != {"NONE"}:
         return roles
@@ -260,12 +261,12 @@ def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def usual_roles(channels: int) -> tuple[str, ...]:
-    """The roles of so many channels where nothing else is said."""
+    """The roles of this many channels where the file states none."""
     return _USUAL_ROLES.get(channels, ("NONE",) * channels)
 
 
 def _parts(path: Path) -> list[range]:
-    """The sounds that were pasted one after another, as bytes of the file; ffmpeg's readers end with the first."""
+    """The byte ranges of the sounds that were concatenated in a file; ffmpeg's readers end with the first."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         first = _after_tag(data)
         kind = data[first : first + 4]
@@ -286,14 +287,14 @@ def _parts(path: Path) -> list[range]:
 
 
 def _after_tag(data: mmap.mmap, at: int = 0) -> int:
-    """Where the sound begins behind an ID3 tag, which may hold a large picture."""
+    """Index of the first byte behind an ID3 tag at `at`, which may hold a large picture; `at` if there is none."""
     if not _TAG.match(data, at):
         return at
     return at + 10 + sum(byte << shift for byte, shift in zip(data[at + 6 : at + 10], (21, 14, 7, 0), strict=True))
 
 
 def _tag_begins(data: mmap.mmap) -> Iterator[int]:
-    """Where a tag, or several in a row, stand before sound."""
+    """Indices at which one or several ID3 tags in a row begin."""
     end = -1
     for found in _TAG.finditer(data):
         if found.start() > end:
@@ -302,7 +303,7 @@ def _tag_begins(data: mmap.mmap) -> Iterator[int]:
 
 
 def _ogg_begins(data: mmap.mmap, at: int) -> Iterator[int]:
-    """Where the first pages of streams follow pages of others: the links of a chain."""
+    """Indices at which the links of a chained Ogg file begin: first pages of streams that follow other pages."""
     is_first = False
     while (at := data.find(b"OggS", at)) >= 0:
         was_first, is_first = is_first, bool(data[at + 5 : at + 6] > b"\1" and data[at + 5] & 2)

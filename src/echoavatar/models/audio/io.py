@@ -24,7 +24,7 @@ _LOUDEST = 64.0  # larger floats are integers that were not scaled
 
 
 def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
-    """Check samples and mix them down: (s,) or (s, channels), floats in -1..1 or integers of any width.
+    """Check samples and mix them down: (s,) or (s, channels), floats in -1..1, signed integers or uint8.
 
     Args:
         samples: the sound.
@@ -63,7 +63,7 @@ def _scaled(samples: Shaped[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 
 class StreamResampler:
-    """Pieces of sound in, 24 kHz mono out.
+    """Pieces of sound in, 24 kHz mono out. Raises AudioError: `rate` (Hz) is not 1,000 to 768,000.
 
     After `flush`, exactly round(samples in * 24000 / rate) samples have come out. The filter delays the
     output by some milliseconds but does not shift it: output sample 0 is input time 0.
@@ -106,7 +106,7 @@ class StreamResampler:
 
 
 _BLOCK = 1024  # samples that are measured together
-LONGEST_S = 3600  # of sound that is read whole: twice 350 MB while its pieces are joined
+LONGEST_S = 3600  # of sound that `read_audio` reads: twice 350 MB while its pieces are joined
 
 _LOG = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ def read_audio(path: Path | str) -> Mono:
 
 
 def stream_audio(path: Path | str) -> Iterator[Mono]:
-    """The same in pieces as they are decoded (tens of milliseconds each): for files of any length.
+    """The sound of `read_audio` in pieces as they are decoded (tens of milliseconds each): for files of any length.
 
     The file is decoded twice. The first time it is measured: which track and which channels hold the sound, and whether
     its level must change. The log says what was unusual. A file that breaks off is read as far as it goes. Rate and
@@ -169,7 +169,7 @@ def mixed(samples: Shaped[np.ndarray, "..."], *, rate: int) -> Mono:
 
 
 def _measured(path: Path) -> Plan:
-    """What to do with a file; the longest that is read whole is measured, of others the beginning."""
+    """The plan for a file, measured on its first `LONGEST_S` seconds."""
     measurement, left = Measurement(), float(LONGEST_S)
     for piece in decoded(path, is_told=True):
         measurement.add(piece)

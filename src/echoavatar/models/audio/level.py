@@ -38,7 +38,7 @@ _RESOLUTION = 2.0**18  # samples are measured (not altered) in whole steps of th
 class LevelState(StreamState):
     """All zero: nothing was heard yet."""
 
-    seen: Int[np.ndarray, " b"]  # blocks
+    seen: Int[np.ndarray, " b"]  # blocks so far
     heard: Int[np.ndarray, " b"]  # blocks that held sound
     pause: Int[np.ndarray, " b"]  # blocks since the last sound
     floor_db: Float[np.ndarray, " b"]
@@ -98,7 +98,7 @@ def _run(x, rows, seen, heard, pause, floor_db, loudness_db, energies, gain):  #
 
 
 class LevelControl:
-    """It has no weights and no settings, because the meaning of the codes depends on it."""
+    """Level control without weights or settings, because the meaning of the codes depends on it."""
 
     def init_state(self, rows: int) -> LevelState:
         """A fresh state."""
@@ -117,7 +117,7 @@ class LevelControl:
     def step(
         self, x: Float[np.ndarray, "b s"], state: LevelState, active: Bool[np.ndarray, " b"]
     ) -> Float[np.ndarray, "b s"]:
-        """The next samples (a multiple of 160), without delay. Rows that are not active stay as they are."""
+        """The next samples, without delay; inactive rows are unchanged. ValueError: not a multiple of 160 samples."""
         if x.shape[1] % LEVEL_BLOCK_SAMPLES or not x.shape[1]:
             raise ValueError(f"a step takes a multiple of {LEVEL_BLOCK_SAMPLES} samples, got {x.shape[1]}")
         y = x.copy()

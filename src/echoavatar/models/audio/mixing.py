@@ -1,4 +1,4 @@
-"""What a recording needs before it becomes mono: measured over the whole of it, and said in words.
+"""What a recording needs before it becomes mono, measured over the whole of it, with notes on what was unusual.
 
 An even mix of channels is right for most recordings. It is not where channels cancel each other, or where the speech is
 in one of many: then the weights follow from how loud the channels are and how they go together. A constant offset is
@@ -14,25 +14,25 @@ from jaxtyping import Float
 
 from .files import Form, Piece
 
-_KEPT = 10 ** (-3.2 / 10)  # of the loudest channel's power, in an even mix that is good enough: two voices, one a side
-_ABOUT = 0.8  # of the loudest channel's power is as loud
+_KEPT = 10 ** (-3.2 / 10)  # an even mix with this share of the loudest channel's power is good enough: two voices
+_ABOUT = 0.8  # a channel with this share of the loudest one's power is as loud
 _SILENT = 1e-4  # of the loudest power: -40 dB
-_CANCELLED = 0.2  # a channel, of the power that channels have together, where they go against each other
-_MOST_CANCELLED = 0.1  # of a recording's energy
+_CANCELLED = 0.2  # channels cancel if the power of their sum is below 0.2 / channels of an in-phase sum's
+_MOST_CANCELLED = 0.1  # share of a recording's energy that may cancel in a mix
 _OPPOSED = -0.5  # correlation with the loudest channel
 _RUMBLE = ("LFE", "LFE2")  # left out
 _WEIGHTS = {"FC": 1.0, "FL": 0.7, "FR": 0.7}  # around a centre, where speech is
 _OTHER_WEIGHT = 0.5
 
-_QUIET_DB = -45.0  # below it the level control of the models hears silence
-_FAINTEST_DB = -90.0  # nothing but the rounding of 16 bits
+_QUIET_DB = -45.0  # below it the models' level control takes sound for silence
+_FAINTEST_DB = -90.0  # below it there is only the rounding of 16 bits
 _LIFTED_DB = -26.0
-_STEADY_DB = 8.0  # what varies less is noise, and stays as it is
-_TONE_DB, _LOUD_SHARE = 3.0, 0.01  # what varies less is no speech; of the loudest power, so that it disturbs
+_STEADY_DB = 8.0  # a recording whose level varies less is noise, and is not lifted
+_TONE_DB, _LOUD_SHARE = 3.0, 0.01  # a channel that varies less is no speech; and disturbs from this share of power on
 _LOUDEST = 1.25  # peaks of decoded MP3 are a little over 1
-_LOUD_PIECES = 3  # fewer are clicks
+_LOUD_PIECES = 3  # fewer pieces above `_LOUDEST` are clicks
 _OFFSET = 5e-4
-_SHORTEST_S = 0.1  # of one form; what is shorter is a fault in the file
+_SHORTEST_S = 0.1  # of sound of one form; shorter stretches are faults in the file
 _LEVELS_DB = np.arange(-140.0, 200.0)
 
 
@@ -56,7 +56,7 @@ class Plan(NamedTuple):
 
 
 class _Sums:
-    """Of all samples of one form in one track."""
+    """Sums over all samples of one form in one track."""
 
     def __init__(self, form: Form) -> None:
         channels = len(form.channels)
@@ -99,7 +99,7 @@ class _Sums:
 
 
 class Measurement:
-    """Takes every piece of a recording, and then says what to do with it."""
+    """Measures a recording piece by piece, and then plans what to do with it."""
 
     def __init__(self) -> None:
         self._sums: dict[tuple[int, Form], _Sums] = {}
@@ -111,7 +111,7 @@ class Measurement:
             self._sums.setdefault(key, _Sums(piece.form)).add(piece.samples)
 
     def plan(self) -> Plan:
-        """What to do."""
+        """The plan for the recording."""
         powers: dict[int, float] = {}
         for (number, _), sums in self._sums.items():
             powers[number] = powers.get(number, 0.0) + sums.power * sums.count
@@ -125,7 +125,7 @@ class Measurement:
 
 
 def _gain(all_sums: Sequence[_Sums], notes: list[str]) -> float:
-    """The factor that brings a recording to a level that can be heard and does not clip."""
+    """The factor that makes a recording audible and keeps it from clipping."""
     peak = max((sums.peak for sums in all_sums), default=0.0)
     energies = sum((sums.energies for sums in all_sums), np.zeros(len(_LEVELS_DB)))
     counts = sum((sums.counts for sums in all_sums), np.zeros(len(_LEVELS_DB)))

@@ -1,7 +1,7 @@
 """Faces: 52 ARKit curves from sound, streaming (paper, Facial Animation and Face Animation Generator).
 
-The model is trained in the lab. Here its ear is a graph, and its frames are a compiled loop. May import `audio`,
-`models.noise`, `nn` and below.
+The model is trained in echoavatar-lab. Here its audio encoder (the ear) is an ONNX graph, and a compiled loop makes the
+frames. May import `audio`, `models.noise`, `nn` and below.
 """
 
 from .config import FaceConfig, HubertConfig, MelConfig

@@ -82,17 +82,17 @@ class FaceConfig(Config):
         default=0,
         ge=0,
         le=2,
-        description="frames by which the face follows the sound, so that the ends of chunks hear what comes (paper: 0)",
+        description="delay of the face in frames, so that the ends of chunks hear what follows (paper: 0)",
     )
     order: ChannelOrder = Field(
         default="live_link", description="of the model's channels; they differ in left and right of jaw and mouth"
     )
-    least_std: float = Field(default=0.02, ge=0, description="deviation below which a channel is not blown up")
+    least_std: float = Field(default=0.02, ge=0, description="least deviation by which a channel is normalised")
     idle: bool = Field(default=True, description="whether channels that hardly move get idle motion")
 
     @property
     def least_scale(self) -> float:
-        """`least_std`, but never 0: deviations are divided by it."""
+        """`least_std`, but never 0, because channels are divided by it."""
         return max(self.least_std, 1e-8)
 
     @model_validator(mode="after")

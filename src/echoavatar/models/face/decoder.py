@@ -1,8 +1,8 @@
 """The face model's frames of one chunk (ring form): weights frozen for the compiled loop, and the memory it works in.
 
-Computes what `FaceGpt` and `FlowHead` compute (a test holds it to that), with the norms' weights folded into the next
-projection. The compiled loop takes a chunk's frames, each some hundred small matrix products. Its
-rows are sessions x guidance branches: 2 k is session k without sound, 2 k + 1 the same with sound.
+Computes what the lab's `FaceGpt` and `FlowHead` compute (a test compares them), with the norms' weights folded into the
+next projection. The compiled loop runs over a chunk's frames, each some hundred small matrix products. Its rows are
+sessions x guidance branches: 2 k is session k without sound, 2 k + 1 the same with sound.
 """
 
 import math
@@ -80,7 +80,7 @@ def _gelu(x):  # type: ignore[no-untyped-def]
 
 @kernel(reorders=True)
 def _repeat(x, y):  # type: ignore[no-untyped-def]
-    """Each session's row for both of its branches."""
+    """Repeat each session's row for both guidance branches."""
     for row in range(y.shape[0]):
         for i in range(y.shape[1]):
             y[row, i] = x[row // 2, i]
@@ -266,7 +266,7 @@ class FrameDecoder:
         active: Bool[np.ndarray, " b"],
         noise: Float[np.ndarray, "b t c"],
     ) -> Float[np.ndarray, "b t c"]:
-        """The next normalised frames of the active rows, from what each of them hears; zeros elsewhere."""
+        """The next normalised frames of active rows, zeros elsewhere. CheckpointError: `heard` has another shape."""
         if heard.shape != (wanted := (*noise.shape[:2], self.config.width)):
             raise CheckpointError(f"the face's ear gives {heard.shape}, wanted {wanted}; copy or download it again")
         chosen, frames = np.flatnonzero(active), np.zeros((*heard.shape[:2], noise.shape[2]), F)
@@ -278,7 +278,7 @@ class FrameDecoder:
 
 
 def _embedded(times: Sequence[float], first: Affine, second: Affine) -> Float[np.ndarray, "n w"]:
-    """What `FlowHead.embed_time` makes of whole times."""
+    """The embedding of times, cut to whole ones, as the lab's `FlowHead.embed_time` computes it."""
     half = len(first.bias) // 2
     angles = np.trunc(times)[:, None] * np.exp(-math.log(10_000) * np.arange(half) / half)
     x = np.concatenate([np.cos(angles), np.sin(angles)], 1) @ first.weight + first.bias

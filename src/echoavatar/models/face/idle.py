@@ -37,9 +37,9 @@ _COLUMNS = [ARKIT_NAMES.index(name) for name in _NAMES]
 
 @dataclass
 class IdleState(StreamState):
-    """All zero: nothing was seen yet."""
+    """All zero: no frame yet."""
 
-    seen: Int[np.ndarray, " b"]  # frames
+    seen: Int[np.ndarray, " b"]  # frames so far
     brows: Float[np.ndarray, "b 3"]  # fast and slow means of the loudness, and how far the brows are up
 
 
@@ -81,7 +81,7 @@ class IdleFace:
 
 
 def frame_loudness(audio: Float[np.ndarray, "b s"]) -> Float[np.ndarray, "b t"]:
-    """Per motion frame, 0 (-60 dBFS and less) to 1 (full scale); double precision."""
+    """Loudness of each motion frame, 0 (-60 dBFS and less) to 1 (full scale); double precision."""
     power = np.square(audio.reshape(len(audio), -1, SAMPLES_PER_FRAME), dtype=float).mean(2)
     return np.asarray(np.clip(1 - 10 * np.log10(power + 1e-12) / _FAINTEST_DB, 0, 1))
 
@@ -116,6 +116,6 @@ def brow_gate(seed: int, frame: int) -> float:
 
 @functools.lru_cache(4096)  # a session needs six at a time
 def _drawn(seed: int, kind: int, draw: int, count: int) -> tuple[float, ...]:
-    """Uniform numbers."""
+    """`count` uniform numbers in (0, 1) of an interval (`draw`); `kind`: 0 blinks, 1 gaze, 2 brows."""
     key, start = np.array([(seed ^ _SALT) + kind]), np.array([draw])
     return tuple(uniform_noise(key, start, count=1, codes=count)[0, 0].tolist())

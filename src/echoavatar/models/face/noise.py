@@ -1,8 +1,8 @@
-"""The noise that a face begins as, and the levels by which it goes (paper: 3 steps; times count down from 1000).
+"""The noise from which a face is made, and the noise levels of the steps (paper: 3 steps; times from 1000 down).
 
-The noise follows from the session's seed and the absolute frame alone. It departs from the release, which draws anew
-for every frame: between draws `hold` frames apart the noise moves smoothly from one to the next at unit variance, so
-that the face trembles less. A hold of 1 draws every frame.
+The noise follows from the session's seed and the absolute frame alone. The release draws anew for every frame. Here
+draws are `hold` frames apart, and between them the noise moves smoothly from one to the next at unit variance, so that
+the face trembles less. A hold of 1 draws every frame.
 """
 
 import math

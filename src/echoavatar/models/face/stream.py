@@ -1,4 +1,4 @@
-"""Sound in, 52 curves out, 4 or 8 frames per step, many sessions in one batch.
+"""Sound in, 52 curves out, a step of `FaceConfig.step` frames at a time, many sessions in one batch.
 
 Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
 matching, guidance 2.0. A session's face depends on its own sound and seed only.
@@ -26,7 +26,7 @@ class FaceState(StreamState):
     """All zero: the mean face, nothing heard yet."""
 
     encoder: StreamState
-    frames: Any  # of the ring or of the window
+    frames: Any  # state of the ring or of the window
     idle: IdleState
 
 
@@ -44,7 +44,7 @@ class FaceStream:
     ) -> None:
         """`weights` are those of a checkpoint by name. Without `has_idle` the curves are the model's alone.
 
-        `ear` is the step from sound to what frames hear, `frames` that to normalised curves (None: `FrameDecoder`).
+        `ear` is the step from sound to audio features, `frames` that from these to curves (None: `FrameDecoder`).
         """
         self.config, self._ear, self._frames = config, ear, frames or FrameDecoder(config, weights)
         names = APPLE_NAMES if config.order == "apple" else ARKIT_NAMES
@@ -61,7 +61,7 @@ class FaceStream:
     def step(
         self, audio: Float[Any, "b s"], state: FaceState, active: Bool[Any, " b"], seeds: Int[Any, " b"]
     ) -> Float[Any, "b t 52"]:
-        """Curves (0 to 1) of the next steps, 3,200 or 6,400 samples; the curves of inactive rows mean nothing.
+        """Curves (0 to 1) of the next steps, 800 samples a frame; the curves of inactive rows mean nothing.
 
         Raises ValueError if the samples are not whole steps.
         """

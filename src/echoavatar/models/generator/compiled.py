@@ -42,7 +42,7 @@ class Positions(NamedTuple):
 class Draws(NamedTuple):
     """How codes are drawn."""
 
-    noise: np.ndarray  # (b, n, K), or (b, n, 0): it follows from the keys
+    noise: np.ndarray  # (b, n, K), or (b, n, 0) for noise that follows from the keys
     keys: np.ndarray  # (b,) uint64 of the seeds
     starts: np.ndarray  # (b,) the absolute position of the first code
     sharpness: np.ndarray  # (b, layers of the RVQ)
@@ -52,7 +52,7 @@ class Draws(NamedTuple):
 class Steering(NamedTuple):
     """The effect of a directive; see the lab's `exemplar.Steer`."""
 
-    segments: np.ndarray  # (s,) the segments it raises; negative without a directive
+    segments: np.ndarray  # (s,) the segments whose logits it raises; negative without a directive
     hint: np.ndarray  # (b, c)
     raised: np.ndarray  # (b, g, s K)
     bias: np.ndarray  # (b, s K)
@@ -128,7 +128,7 @@ def _gumbel(key, counter):  # type: ignore[no-untyped-def]
 
 @kernel(reorders=True)
 def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
-    """The largest bound above which the mass is still `wanted`, by bisection, which is faster than sorting."""
+    """The largest share such that codes with at least this share still sum to `wanted`; bisection beats sorting."""
     low, high = ZERO, F(1.5)
     for _ in range(BISECTIONS):
         middle = HALF * (low + high)
@@ -196,7 +196,7 @@ def _read(weights, x, keys, values, at, index, hidden):  # type: ignore[no-untyp
     _normalise(x, weights.eps, hidden)
 
 
-@kernel()  # the product is rounded before anything is added to it
+@kernel()  # not reordered: the product is rounded before anything is added to it
 def _embed(embedding, at, x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         x[i] = F(embedding.weight[0, at, i]) * embedding.scale[0, at]
@@ -265,5 +265,5 @@ def draw_codes(
 
 
 def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Padded to a multiple of eight, because numba compiles anew for every length of a tuple."""
+    """The rings padded to a multiple of eight, because numba compiles anew for every length of a tuple."""
     return (*rings, *[rings[-1]] * (-len(rings) % 8))

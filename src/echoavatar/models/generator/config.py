@@ -9,7 +9,7 @@ from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, e
 
 from ..tokens import ORDERS, SequenceOrder, TokenLayout
 
-Precision = Literal["float32", "bfloat16", "int8"]  # of weights, see `linear`
+Precision = Literal["float32", "bfloat16", "int8"]  # of weights, see the lab's `linear`
 AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)  # 10
 
 
@@ -35,7 +35,7 @@ class GeneratorConfig(Config):
         default=0,
         ge=0,
         le=64,
-        description="chunks by which sound is heard before it is due; above 0 offline only, an upper reference",
+        description="chunks of sound after its own that a chunk hears; above 0 offline only, as an upper bound",
     )
     width: int = Field(default=256, gt=0, description="channels of the residual stream")
     layers: int = Field(default=6, gt=0, le=256, description="transformer layers")
@@ -58,16 +58,16 @@ class GeneratorConfig(Config):
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     patience: float = Field(
-        default=0.0, ge=0, description="price of a change in the codes of motion that it was trained on; 0: the nearest"
+        default=0.0, ge=0, description="cost of a change of code in its training data, over the mean error"
     )
     is_leveled: bool = Field(
-        default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"
+        default=True, description="whether the sound of its training data has one loudness (paper: no)"
     )
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )
     manner: bool = Field(
-        default=False, description="depth order: whether it is told how its speaker gestures (not in the paper)"
+        default=False, description="depth order: whether it gets the manner of a speaker (not in the paper)"
     )
     control: Literal["gate", "prompt"] = Field(
         default="gate",
@@ -111,11 +111,11 @@ class GeneratorConfig(Config):
         if any(not 0 <= segment < self.layout.segments for segment in self.steered):
             raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
         if self.exemplar and self.layout.parts == 1:
-            raise ValueError("control by exemplars speaks of the upper body, which this body is not split into")
+            raise ValueError("exemplars name codes of the upper body, and this body has no parts")
         if self.control == "prompt" and self.sequence != "prefix":
             raise ValueError("control tokens stand in front of a prompt, so they belong to the prefix order")
         if self.manner and self.sequence != "depth":
-            raise ValueError("a manner is told to generators of the depth order only")
+            raise ValueError("a manner steers generators of the depth order only")
         if self.steered and (self.exemplar or self.manner):
             raise ValueError("exemplars and manners steer a generator in the upper body's first layer only")
         return self
@@ -132,7 +132,7 @@ class GeneratorConfig(Config):
 
     @property
     def directed(self) -> tuple[int, ...]:
-        """The segments that a directive speaks of; it has K numbers for each."""
+        """The segments whose codes a directive may name; it has K numbers for each."""
         return self.steered or (min(1, self.layout.parts - 1) * self.layout.motion_layers,)
 
     @model_validator(mode="after")
@@ -154,7 +154,7 @@ class GeneratorConfig(Config):
 
     @property
     def read_width(self) -> int:
-        """Channels of the hidden states that the output heads read."""
+        """Channels of the hidden states from which the output heads predict codes."""
         return self.depth_width if self.sequence == "depth" else self.width
 
     @property

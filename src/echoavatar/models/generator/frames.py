@@ -1,6 +1,6 @@
 """The generator of the depth order on a CPU: a chunk of audio codes in, its motion codes out, without torch.
 
-For each motion frame the backbone reads one position: the frame's sound and the codes of the frame before. Then the
+For each motion token (here: a frame) the backbone reads one position: its sound and the last frame's codes. Then the
 depth transformer draws the frame's 3 Q codes one after another; the backbone's hidden state is added to what it reads.
 Both run in the compiled loop. Memory is bounded: the state holds keys and values of the window.
 """
@@ -47,7 +47,7 @@ class FrameStream:
     def __init__(self, config: GeneratorConfig, arrays: Mapping[str, Stored], *, rounds: bool = True) -> None:
         """`arrays` are the checkpoint's; with `rounds` weights are int8, else float32.
 
-        Raises CheckpointError: names or shapes are not those of the config.
+        Raises CheckpointError: names or shapes of arrays do not fit the config.
         """
         check_shapes(shapes(config), {name: stored.shape for name, stored in arrays.items()}, origin="the generator")
         self.config, layout = config, config.layout
@@ -96,7 +96,7 @@ class FrameStream:
         bias: Float[np.ndarray, "b K"] | None = None,
         manner: Float[np.ndarray, "b m"] | None = None,
     ) -> Int[np.ndarray, "b n p q"]:
-        """Hear the audio codes of whole steps, return their motion codes; see the lab's `GeneratorStream.step`.
+        """The motion codes for the audio codes of whole steps; see the lab's `GeneratorStream.step`.
 
         Rows that are not active return zeros.
         """
@@ -148,7 +148,7 @@ class FrameStream:
     def _in_a_frame(self, rows: int) -> tuple[Positions, Positions]:
         """The positions of a frame's codes, each of which sees those before it: of all, and of all but the first."""
         count = self.config.layout.segments
-        places = np.tile(np.arange(count), (rows, 1))  # not read-only, which would be compiled anew
+        places = np.tile(np.arange(count), (rows, 1))  # a copy: for read-only arrays the loop would be compiled anew
         seen = np.broadcast_to(np.tri(count, dtype=bool), (rows, count, count))
         within = Positions(*map(np.ascontiguousarray, _positions(places, places, seen, self.config.depth)))
         return within, Positions(*(np.ascontiguousarray(part[:, 1:]) for part in within))
@@ -156,7 +156,7 @@ class FrameStream:
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
         """Noise, temperature and nucleus of a frame; see the lab's `sampling.make_sampler`."""
         config, layout, rows = self.config, self.config.layout, len(seeds)
-        codes = 0 if config.temperature > 0 else layout.motion_codes  # 0: noise of the keys
+        codes = 0 if config.temperature > 0 else layout.motion_codes  # 0: noise follows from the keys
         noise, keys = np.zeros((rows, layout.segments, codes), F), mix(seeds.astype(np.uint64) + GOLDEN)
         sharpness, top_p = np.tile(self._sharpness, (rows, 1)), np.full(rows, config.top_p, F)
         return Draws(noise, keys, frames * layout.segments, sharpness, top_p)
@@ -211,7 +211,7 @@ def _parts(rings: Sequence[KeyValueRing]) -> tuple[list[np.ndarray], list[np.nda
 def _positions(
     at: Int[np.ndarray, "b t"], slots: Int[np.ndarray, "b t"], seen: Bool[np.ndarray, "b t s"], config: GeneratorConfig
 ) -> Positions:
-    """Rotary phases are computed in double precision, for a session may last."""
+    """Rotary phases are computed in double precision, because a session may be long."""
     exponent = np.arange(0, config.head_width, 2) / config.head_width
     phases = at[..., None] * config.rope_theta**-exponent % (2 * np.pi)
     return Positions(np.exp(1j * phases).astype(np.complex64), slots, np.where(seen, F(0), F(-np.inf)))

@@ -41,7 +41,7 @@ class Frozen:
         return stacked([(stored[which].astype(F), None)])
 
     def body(self, prefix: str, config: GeneratorConfig, heads: Iterable[np.ndarray]) -> Weights:
-        """A transformer, and what is read from its normed hidden state: maps of equal sizes."""
+        """A transformer, and `heads`: matrices of one size that read its normed hidden state."""
         root = config.width**0.5
         layers = [f"{prefix}.layers.{layer}" for layer in range(config.layers)]
         after = self.floats(f"{prefix}.norm.weight") * root

@@ -1,16 +1,16 @@
-"""The manner of a speaker: a few numbers that the generator is told (not in the paper).
+"""The manner of a speaker: a few numbers that condition the generator (not in the paper).
 
 The sound does not say which hand a speaker uses, nor how lively he is. Without a manner each chunk draws what most
 people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
 
 A speaker's manner alone is an average over minutes, which a chunk cannot follow: it says that a hand often rests, not
-that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`), and how
+that it rests now. So the generator also gets how busy each hand is in these seconds (`HANDS`), and how
 high (`HEIGHTS`).
 
-The numbers but the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From
+All numbers except the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From
 there a generator does not learn to tell left from right: the past says where the hands are, and in windows without a
 past the vector is small beside the noise. So the heights enter where a code is drawn: they raise the logits of the
-first-layer codes of the upper body that have the hands there, times a learned gate. What is not told adds nothing.
+first-layer codes of the upper body that have the hands there, times a learned gate. NaN adds nothing.
 """
 
 from dataclasses import astuple, dataclass, fields
@@ -57,7 +57,7 @@ class Manner:
 MANNER = tuple(field.name for field in fields(Manner))
 HANDS = ("left_hand", "right_hand")  # how busy each is now: `busy` of its mean speed over `BUSY_S` around a frame
 HEIGHTS = ("left_height", "right_height")  # how high each is: `raised` of its mean height over `HIGH_S`
-TOLD = MANNER + HANDS + HEIGHTS  # the numbers that a generator is told, in order
+TOLD = MANNER + HANDS + HEIGHTS  # the numbers that a generator gets, in order
 BUSY_S, HIGH_S = 2.0, 1.2
 _HALF_BUSY = 0.6  # arm lengths per second
 
@@ -73,7 +73,7 @@ def raised(height: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 
 def draw_manner(seed: int) -> Manner:
-    """The manner that follows from a seed; four people in five lead with the right hand."""
+    """The manner that follows from a seed; three people in four lead with the right hand."""
     rng = np.random.default_rng([seed, 1])
     right = float(rng.beta(4, 2))
     return Manner(

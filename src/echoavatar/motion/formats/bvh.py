@@ -4,7 +4,7 @@ The format has no standard. What programs write is read, and one warning says wh
 count of frames or the encoding. Unit and axes are measured on the figure (`kinematics.upright`).
 
 Joints below the root may have position channels. If the child that has the whole body travels (as in the Bandai-Namco
-data, or beside the targets of IK from Unreal), the root is merged into it. Elsewhere bones count as rigid, and their
+data, or in files of Unreal beside IK targets), the root is merged into it. Elsewhere bones count as rigid, and their
 mean length is used.
 """
 
@@ -42,11 +42,11 @@ from ..kinematics.upright import Stand, of_clip, placed, righted
 from .reading import reading
 
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
-_MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
-_BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
+_MOST = 1e12  # numbers in a file must be smaller, so that no sum of squares overflows
+_BESIDE = 0.1  # of the length of a joint's OFFSET: smaller mean positions are relative to the OFFSET
 _ARMS = (("rightUpperArm", "leftUpperArm"), ("leftUpperArm", "leftLowerArm"), ("rightUpperArm", "rightLowerArm"))
 _STANDING = (("hips", "head"), ("leftUpperLeg", "leftFoot"), ("rightUpperLeg", "rightFoot"))
-_ALONG, _MOVING = 0.5, 0.05  # cosine of ways that go along each other; radians: of somebody who moves
+_ALONG, _MOVING = 0.5, 0.05  # least cosine of directions that agree; radians that angles of a moving body change
 _ASSUMED_HZ = 30.0
 _LONGEST_S = 2.0  # between frames; a longer time would be milliseconds
 _WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
@@ -60,7 +60,7 @@ _STATEMENT = re.compile(
 )
 _HEAD = re.compile(r"\s*frame(?:s|[^\S\n]*(time))[^\S\n]*[:=]?[^\S\n]*(\S*).*", re.IGNORECASE)
 _CUT = re.compile(r"(?<!\S)[-+]?(?:\.|\d+\.?\d*[eE][-+]?)?\Z")  # a number that the end of the file cuts off
-_GRAMMAR = "OFFSET has three numbers, CHANNELS their number and names such as Xposition, a joint braces"
+_GRAMMAR = "OFFSET has three numbers, CHANNELS a count and names such as Xposition, a joint has braces"
 _Frames = np.ndarray
 
 
@@ -89,7 +89,7 @@ def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit
 def read_standing(
     path: Path, given: JointMap | None = None, metres_per_unit: float | None = None
 ) -> tuple[Motion, Stand]:
-    """As `read_bvh`; and how the figure stands in the file."""
+    """As `read_bvh`, and the unit and axes that the figure has in the file."""
     with reading(path) as notes:
         text = _text(path, notes)
         try:
@@ -116,7 +116,7 @@ def read_standing(
 
 
 class _TextError(Exception):
-    """What is wrong with a text, and where: so many lines below the letter `at`."""
+    """A fault in a text, `below` lines below the character at index `at`."""
 
     def __init__(self, complaint: str, at: int | None = None, below: int = 0) -> None:
         super().__init__(complaint)
@@ -268,7 +268,7 @@ def _rate(word: str, at: int, notes: list[str]) -> float:
 
 
 def _body(joints: list[_Joint], notes: list[str]) -> list[_Joint]:
-    """The tree that has the body; each of its names occurs once."""
+    """The tree with the most known bones, with unique names."""
     roots = [j for j, joint in enumerate(joints) if joint.parent < 0]
     trees = [joints[root:stop] for root, stop in zip(roots, [*roots[1:], len(joints)], strict=True)]
     for root, tree in zip(roots, trees, strict=True):
@@ -287,7 +287,7 @@ def _body(joints: list[_Joint], notes: list[str]) -> list[_Joint]:
 def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str]) -> Motion:
     """The motion in the file's own unit and axes."""
     rotations = np.empty((len(frames), len(joints), 4), np.float32)
-    places: list[_Frames] = []  # (t, 3) of each joint that moves along, (1, 3) of the others
+    places: list[_Frames] = []  # from the parent: (t, 3) of joints with position channels, (1, 3) of the others
     is_beside = False
     for j, joint in enumerate(joints):
         rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(frames), 1))
@@ -323,7 +323,7 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
 
 
 def _in_degrees(joints: list[_Joint], frames: _Frames, notes: list[str]) -> _Frames:
-    """The frames; angles are radians if in degrees nobody would leave T-pose, and in radians the body stands."""
+    """The frames in degrees. Radians are assumed if the body stands in radians, and hardly leaves T-pose in degrees."""
     turns = [joint.column + k for joint in joints for k, (kind, _) in enumerate(joint.channels) if kind == "rotation"]
     angles = frames[:, turns]
     if not 1 < np.abs(angles).max(initial=0) <= 2 * np.pi + 1e-5:
@@ -361,7 +361,7 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
 
 
 def _body_below(joints: list[_Joint], travels: list[bool]) -> range:
-    """A child of the root that travels, and all below it, if the whole body is there, or all joints."""
+    """The subtree of a travelling child of the root that holds the whole body; empty if there is none."""
     children = [j for j, joint in enumerate(joints) if joint.parent == 0]
     if not any(travels[child] for child in children):
         return range(0)
@@ -374,7 +374,7 @@ def _body_below(joints: list[_Joint], travels: list[bool]) -> range:
 def _merge_root(
     joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames], body: range
 ) -> tuple[list[_Joint], NDArray[np.float32], list[_Frames]]:
-    """Remove the root and what is not of the body, whose first joint takes over its movement and becomes the root."""
+    """Remove the root and all beside the subtree `body`, whose first joint takes over the root's movement."""
     start, *others = body
     root, child = (rotations[:, j].astype(np.float64) for j in (0, start))
     moved = (matrix_from_quaternion(root) @ places[start][..., None])[..., 0] + places[0]

@@ -31,7 +31,7 @@ def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]], most: int) -> list[d
         ModuleNotFoundError: DracoPy is missing.
         ValueError: a mesh is damaged or too large, or has no such attribute.
     """
-    import DracoPy  # noqa: F401  # so that it is this process that finds it missing
+    import DracoPy  # noqa: F401  # so that this process raises if it is missing
 
     order = json.dumps([[len(data), wanted] for data, wanted in parts]).encode()
     sent = struct.pack("<II", len(order), most) + order + b"".join(data for data, _ in parts)
@@ -52,10 +52,10 @@ def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]], most: int) -> list[d
 
 
 def _serve() -> None:
-    """Decode what standard input brings."""
+    """Decode the meshes that `unpacked` sends to standard input, and write their arrays to standard output."""
     import DracoPy
 
-    with suppress(ImportError, OSError, ValueError):  # there are systems without such a limit
+    with suppress(ImportError, OSError, ValueError):  # some systems have no such limit
         import resource
 
         status = Path("/proc/self/status")

@@ -1,6 +1,6 @@
 """Read an animation of a character in a GLB, VRM or VRMA file as motion.
 
-Keys are sampled at the rate at which most of them come. A bone's rotation is that of its node against the rest pose of
+Keys are sampled at their most common rate. A bone's rotation is that of its node against the rest pose of
 the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
 """
 
@@ -29,8 +29,8 @@ from .reading import reading
 _RATES = (1.0, 240.0)  # keys per second that count as a frame rate
 _EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
-_APART_S = 0.9  # keys that come more slowly may be counted in frames
-_MS, _MANY = 8.0, 8  # so far apart, and so many, they are counted in milliseconds
+_APART_S = 0.9  # the times of keys that are farther apart may be frame numbers
+_MS, _MANY = 8.0, 8  # keys farther apart, and more in each track, have their times in milliseconds
 _STILL = 1e-5  # keys that differ by less do not move
 _Track = tuple[Float[Array, " k"], Float[Array, "k n c"], str]
 _Targets = dict[tuple[int, str], int]  # the sampler of each node and property
@@ -39,14 +39,14 @@ _Targets = dict[tuple[int, str], int]  # the sampler of each node and property
 def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | None = None) -> Motion:
     """The animation of this name, or the first in which a bone moves; `given` is the user's map of the bones.
 
-    Some programs write an animation for each node. Those are one, unless one is asked for.
+    Some programs write an animation for each node. Without `animation`, these are read as one.
 
     Raises:
         MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
-        DependencyError: the file is compressed, and what unpacks it is missing.
+        DependencyError: the file is compressed, and the package that unpacks it is missing.
     """
     rig = read_gltf_rig(path, given)
-    # `Motion` looks for what is not finite
+    # `Motion` refuses values that are not finite
     with reading(path) as notes, refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):
         entries = rig.document.get("animations", [])
         known = numbered(str(entry.get("name", k)) for k, entry in enumerate(entries))
@@ -58,7 +58,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         targets = [_targets(entry, needed) for entry in entries]
         chosen = [known.index(animation)] if animation is not None else _chosen(rig, entries, targets)
         if animation is None and len(known) > 1:
-            read = f"{known[chosen[0]]!r} is read" if len(chosen) == 1 else f"{len(chosen)} of other bones each are one"
+            read = f"{known[chosen[0]]!r} is read" if len(chosen) == 1 else f"{len(chosen)} are read as one"
             notes.append(f"it has {len(known)} animations ({', '.join(known)}); {read}")
         tracks = {
             target: _keys(rig, entries[k]["samplers"][sampler], _PATHS[target[1]])
@@ -76,7 +76,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
 
 
 def _chosen(rig: GltfRig, entries: list[dict[str, Any]], targets: list[_Targets]) -> list[int]:
-    """The first animation in which a bone moves, or all if all but one have a node each, of their own."""
+    """The first animation in which a bone moves; or all, if no two share a node and all but one have a single node."""
 
     def moves(k: int) -> bool:
         samplers = [entries[k]["samplers"][number] for number in targets[k].values()]
@@ -100,7 +100,7 @@ def _targets(entry: dict[str, Any], nodes: set[int]) -> _Targets:
 
 
 def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[int], notes: list[str]) -> Motion:
-    """The motion of all frames, in our axes; `notes` are told."""
+    """The motion of all frames, in our axes; `notes` receives what was assumed."""
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
     steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps

@@ -1,6 +1,6 @@
 """Read the data of a glTF file: `.glb`, `.vrm`, or `.gltf` with its parts beside it.
 
-The document is brought into one form: all bytes are in its first buffer, as in a `.glb`, and pictures are in there too.
+The document is brought into one form: all bytes, those of pictures too, are in its first buffer, as in a `.glb`.
 Compressed data stays compressed there, and is unpacked where numbers are read (`Gltf.accessor`, `Gltf.attribute`).
 """
 
@@ -34,7 +34,7 @@ _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "i
 
 @dataclass(frozen=True)
 class Gltf:
-    """A document, the bytes of its first buffer, where all numbers are, and what has been unpacked of these."""
+    """A document, the bytes of its first buffer, and what has been unpacked of these (`views`, `meshes`)."""
 
     path: Path
     document: dict[str, Any]
@@ -43,7 +43,7 @@ class Gltf:
     meshes: dict[int, dict[str, Array]] = field(init=False, default_factory=dict)
 
     def attribute(self, part: dict[str, Any], name: str) -> Float[Array, "v n"]:
-        """An attribute of a primitive, whose accessor may be in a Draco mesh."""
+        """An attribute of a primitive, which may be in a Draco mesh. Raises ValueError: its data is damaged."""
         index = part["attributes"][name]
         entry = part.get("extensions", {}).get(DRACO)
         count = self.document["accessors"][part["attributes"]["POSITION"]]["count"]
@@ -57,7 +57,7 @@ class Gltf:
         return _scaled(values, self.document["accessors"][index])
 
     def corners(self, part: dict[str, Any]) -> Int[Array, " n"]:
-        """The vertices of a primitive in their order, which may be in a Draco mesh."""
+        """The vertex indices of a primitive, which may be in a Draco mesh."""
         if entry := part.get("extensions", {}).get(DRACO):
             if "indices" not in self.meshes.get(entry["bufferView"], {}):
                 self._unpack_meshes(_TOGETHER[1])
@@ -68,7 +68,7 @@ class Gltf:
         return self.accessor(part["indices"], count)[:, 0].astype(np.int64)
 
     def _unpack_meshes(self, wanted: set[str]) -> None:
-        """Unpack some attributes of all Draco meshes at once: it takes a process."""
+        """Unpack some attributes of all Draco meshes at once, because it starts a process."""
         parts: dict[int, dict[str, int]] = {}
         for mesh in self.document["meshes"]:
             for part in mesh["primitives"]:
@@ -85,7 +85,7 @@ class Gltf:
         return bytes(memoryview(data)[start:][: view["byteLength"]])
 
     def accessor(self, index: int, count: int | None = None) -> Float[Array, "n c"]:
-        """The first `count` elements of an accessor, which must have as many; or all."""
+        """The first `count` elements of an accessor, or all. Raises ValueError: it has fewer, or is damaged."""
         accessor = self.document["accessors"][index]
         count = accessor["count"] if count is None else count
         if not 0 <= count <= accessor["count"]:
@@ -116,7 +116,7 @@ class Gltf:
         return np.ndarray((count, width), dtype, data, offset=start, strides=(stride, dtype.itemsize))
 
     def _view(self, index: int) -> tuple[Any, int, dict[str, Any]]:
-        """The bytes that hold a view, where it begins in these, and its entry."""
+        """The bytes that hold a view, the index at which it begins in them, and its entry."""
         view = self.document["bufferViews"][index]
         packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
         if packed is None:
@@ -138,7 +138,7 @@ class Gltf:
 
 @contextmanager
 def refusing_damage(path: Path) -> Iterator[None]:
-    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
+    """Raise MotionError, or DependencyError for a missing package, in place of what a damaged document causes."""
     try:
         yield
     except _DAMAGE as error:
@@ -152,13 +152,13 @@ def refusing_damage(path: Path) -> Iterator[None]:
 
 
 def read_chunks(path: Path) -> Gltf:
-    """The document of a file and its bytes.
+    """The document of a file and its bytes. Call it inside `refusing_damage`.
 
     Raises MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
     """
     try:
         check_file(path, GLB_BYTES, MotionError)
-        with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
+        with path.open("rb", buffering=0) as file:  # a buffered file would copy the bytes
             head, length = file.read(20), GLTF_BYTES + 1
             if head.startswith(b"glTF"):
                 *_, length, kind = struct.unpack("<4sIIII", head)
@@ -187,7 +187,7 @@ def _present(value: Any) -> Any:
 
 
 def _joined(path: Path, document: dict[str, Any], first: bytes) -> Gltf:
-    """The document with all bytes in its first buffer; further buffers are places for unpacked data, without bytes."""
+    """The document with all bytes in its first buffer; further buffers have no bytes, only a size for unpacked data."""
     buffers, images = document.get("buffers", []), document.get("images", [])
     outside = [*buffers[1:], *[entry for entry in (*buffers[:1], *images) if "uri" in entry]]
     if all(_is_empty(entry) for entry in outside):
@@ -223,19 +223,19 @@ def _joined(path: Path, document: dict[str, Any], first: bytes) -> Gltf:
 
 
 def _is_empty(buffer: dict[str, Any]) -> bool:
-    """Whether a buffer only says where unpacked data would be."""
+    """Whether a buffer has no bytes, only a size for unpacked data (meshopt's fallback)."""
     return "uri" not in buffer and any(buffer.get("extensions", {}).get(name, {}).get("fallback") for name in MESHOPT)
 
 
 def _bytes_of(path: Path, uri: str, held: int) -> bytes:
-    """The bytes of a `data:` address or of a file in the document's folder, beside `held` bytes that are there."""
+    """The bytes of a `data:` URI or of a file in the document's folder; `held` bytes have been read already."""
     head, _, text = uri.partition(",")
     if head[:5].lower() == "data:":
         return from_base64(text) if head.lower().endswith(";base64") else unquote_to_bytes(text)
     folder = path.parent.resolve()
     place = unquote_to_bytes(uri.replace("\\", "/")).decode()  # as Windows writes it
     part = Path(os.path.realpath(folder / place))
-    if part.parent.is_relative_to(folder) and part.parent.is_dir() and not part.exists():  # there, case does not matter
+    if part.parent.is_relative_to(folder) and part.parent.is_dir() and not part.exists():  # Windows ignores case
         alike = (other for other in part.parent.iterdir() if other.name.lower() == part.name.lower())
         part = Path(os.path.realpath(next(alike, part)))
     if not part.is_relative_to(folder) or ":" in uri.split("/")[0]:
@@ -248,8 +248,8 @@ def _bytes_of(path: Path, uri: str, held: int) -> bytes:
 
 
 def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
-    """Integers that stand for -1 to 1 as these."""
-    with np.errstate(invalid="ignore"):  # what is no number is looked for by those who need one
+    """Values as floats; normalised integers as the -1 to 1 that they stand for."""
+    with np.errstate(invalid="ignore"):  # callers refuse values that are not finite
         found = values.astype(np.float64)
     if not accessor.get("normalized"):
         return found

@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Each node's parent (-1 for none), parents first. Raises for missing nodes, two parents of one, and cycles."""
+    """Each node's parent (-1 for none), parents first. Raises ValueError or LookupError: the nodes are no forest."""
     if len(nodes) > NODES:
         raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
     parents = dict.fromkeys(range(len(nodes)), -1)
@@ -37,7 +37,7 @@ def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
 
 
 def above(parents: dict[int, int], node: int) -> list[int]:
-    """The nodes that a node hangs from, the nearest first."""
+    """The ancestors of a node, the nearest first."""
     found = []
     while (node := parents[node]) >= 0:
         found.append(node)
@@ -72,7 +72,7 @@ def rotation_of(node: dict[str, Any]) -> Float[Array, "4"]:
 
 
 def worlds_of(locals_: dict[int, Array], parents: dict[int, int]) -> Float[Array, "n *t 4 4"]:
-    """World matrices of nodes; `parents` lists parents first."""
+    """World matrices from local ones; `parents` lists parents first."""
     worlds = np.empty((len(parents), *locals_[0].shape))
     for node, parent in parents.items():
         worlds[node] = locals_[node] if parent < 0 else worlds[parent] @ locals_[node]

@@ -31,7 +31,7 @@ from .gltf_nodes import above, binds_of, node_matrix, parents_of, unscaled, worl
 from .reading import reading
 
 Array = np.ndarray
-_SAME = 0.02  # radians, about: as far apart two poses are one
+_SAME = 0.02  # radians, about: poses that differ by less are the same
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
 _RIGID = 6  # bones that have a part of their own, where nothing is skinned
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
@@ -45,7 +45,7 @@ class GltfRig(Gltf):
     parents: dict[int, int]  # the parent of every node, -1 for the topmost
     matrices: Float[Array, "n 4 4"]  # of every node, as the nodes stand, in the space in which the hips move
     skeleton: Skeleton
-    frames: Float[Array, "j 3 3"]  # the axes of each joint's node while the skeleton rests; they may be mirrored
+    frames: Float[Array, "j 3 3"]  # the axes of each joint's node in the skeleton's rest pose; they may be mirrored
     turn: Float[Array, "3 3"]  # from the axes of the hips' space to ours; it may mirror
     unit: float  # metres in a unit of the hips' space
 
@@ -60,9 +60,9 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
 
     Raises:
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
-        DependencyError: the file is compressed, and what unpacks it is missing.
+        DependencyError: the file is compressed, and the package that unpacks it is missing.
     """
-    # what is not finite is looked for below
+    # values that are not finite are refused below
     with reading(path) as notes, refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         return _read(path, given, notes)
 
@@ -70,7 +70,7 @@ def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
 def _read(path: Path, given: JointMap | None, notes: list[str]) -> GltfRig:
     file = read_chunks(path)
     document = file.document
-    # some programs write -1 for what is not there
+    # some programs write -1 for a missing index
     document["nodes"] = [{k: v for k, v in node.items() if v != -1} for node in document["nodes"]]
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
@@ -123,13 +123,13 @@ class _Layout:
         self.core = with_parents(bones.values(), parents)
 
     def steps(self, frames: Float[Array, "j 3 3"]) -> Float[Array, "j 3"]:
-        """From the joint above to each joint, if the joints were turned so; nothing for the hips."""
+        """From the parent to each joint, if the joints had these axes; 0 for the hips."""
         steps: Array = np.einsum("jab,jb->ja", frames[self.parents], self._steps)
         steps[0] = 0
         return steps
 
     def places(self, frames: Float[Array, "j 3 3"]) -> dict[str, Float[Array, "3"]]:
-        """Where the bones would be from the hips."""
+        """Positions of the bones relative to the hips, if the joints had these axes."""
         places = summed(self.steps(frames), self.parents)
         return {bone: places[joint] for bone, joint in self.bones.items()}
 
@@ -138,7 +138,7 @@ class _Layout:
         return axes_of(self.places(frames), spaces, mirrored=bool(np.linalg.det(frames[0]) < 0))
 
     def nearest(self, spaces: list[Float[Array, "3 3"]], frames: Float[Array, "j 3 3"]) -> list[Float[Array, "3 3"]]:
-        """The spaces, those first along an axis of which the trunk stands best."""
+        """The spaces, first those with an axis nearest to the trunk."""
         places = self.places(frames)
         trunk = places["head"] - (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
         return sorted(spaces, key=lambda space: -float(np.abs(trunk @ space).max()))
@@ -151,10 +151,10 @@ class _Layout:
 
 
 def _bound(file: Gltf, order: list[int], layout: _Layout) -> Iterator[tuple[Array, Array]]:
-    """The bind pose of each skin that has a body's bones: the axes of the joints, the hips as they stand (j, 3, 3), and
-    those in which the mesh was made (3, 3).
+    """The bind pose of each skin that has a body's bones: the axes of the joints with the hips as they stand
+    (j, 3, 3), and those of the mesh (3, 3).
 
-    Joints that no known bone hangs from keep to the one above as their nodes do.
+    Joints below which there is no known bone keep the rotation to their parent that their nodes have.
     """
     required = {order[layout.bones[bone]] for bone in REQUIRED}
     stands, parents = layout.stands, layout.parents
@@ -201,7 +201,7 @@ def _rig(
     places = worlds[nodes, :3, 3] * [-1 if is_mirrored else 1, 1, 1]
     tree = Tree(names, [slot.get(parents[node], -1) for node in nodes], places)
     bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
-    if not (mapped or given):  # a wig beside a body is no head of it
+    if not (mapped or given):  # a wig beside a body does not have the body's head
         tops = [joint for joint, node in enumerate(nodes) if node in joints and not joints & {*above(parents, node)}]
         parts = sorted((sorted(tree.below(top)) for top in tops), key=len, reverse=True)
         for part in parts if len(parts) > 1 else ():
@@ -252,7 +252,7 @@ def skinned(rig: GltfRig) -> Skinned:
 
     Raises MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
-    with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
+    with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # checked below
         owners = _owners(rig)
         held = {owners[node] for node, entry in enumerate(rig.document["nodes"]) if "mesh" in entry} - {-1}
         if not (rig.document.get("skins") or _humanoid(rig.document) or len(held) >= _RIGID):
@@ -267,7 +267,7 @@ def skinned(rig: GltfRig) -> Skinned:
 
 
 def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
-    """For each joint, the matrix that takes what hangs from it out of the hips' space into our rest pose."""
+    """For each joint, the matrix from the hips' space to our rest pose for the vertices that hang from it."""
     stands = rig.matrices[rig.order]
     moves = np.tile(np.eye(4), (len(stands), 1, 1))
     turns = plain.turns.swapaxes(-1, -2) @ rig.frames @ unscaled(stands).swapaxes(-1, -2)
@@ -324,7 +324,7 @@ def parts_of(rig: GltfRig, plain: PlainRig, *, has_rigid: bool = False) -> Itera
     """The primitives of all skinned meshes in the rest pose of `plain`; with `has_rigid` also of those without a skin.
 
     Where no mesh is skinned, the parts hang on the bones as they are. What hangs mostly from nodes of another tree,
-    such as those of a second character, is not its own.
+    such as those of a second character, is not its own. Raises ValueError: the file is damaged.
     """
     owner, moves = _owners(rig), _moves(rig, plain)
     skins: dict[int, tuple[Array, Array]] = {}
@@ -354,7 +354,7 @@ def parts_of(rig: GltfRig, plain: PlainRig, *, has_rigid: bool = False) -> Itera
 def _drawn(document: dict[str, Any], has_rigid: bool) -> list[tuple[int, int | None, dict[str, Any]]]:
     """The node, the skin and each primitive of all skinned meshes, or of all meshes where none is skinned.
 
-    Raises for more primitives or vertices than a body has.
+    Raises ValueError: there are more primitives or vertices than `limits` allows.
     """
     drawn = [(index, node) for index, node in enumerate(document["nodes"]) if "mesh" in node]
     skinned = [(index, node) for index, node in drawn if "skin" in node]
@@ -376,7 +376,7 @@ def _drawn(document: dict[str, Any], has_rigid: bool) -> list[tuple[int, int | N
 def _owners(rig: GltfRig) -> dict[int, int]:
     """The rig's joint of each node: its own, or that of its nearest ancestor in the rig.
 
-    The hips have what is above them; -1 stands for what hangs from elsewhere.
+    Nodes above the hips belong to the hips; -1 stands for nodes of another tree.
     """
     slot, owner = {node: index for index, node in enumerate(rig.order)}, {-1: -1}
     for node, parent in rig.parents.items():  # parents first

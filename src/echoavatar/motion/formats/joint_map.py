@@ -1,7 +1,7 @@
 """The user's own map from bones to joints: a JSON object such as `{"hips": "Bone.001", "leftToes": null}`.
 
-It comes before what is read from names and shape. `null` is a bone that the rig does not have; a bone that the map does
-not name is looked for.
+It comes before what is read from names and shape. `null` says that the rig does not have the bone; bones that the map
+leaves out are looked for.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from .kinds import BVH, kind_of
 def read_map(path: Path | None) -> dict[str, str | None] | None:
     """The map in a file; None for no file.
 
-    Raises MotionError: the file is missing, no JSON object, names a bone that there is not, or a joint twice.
+    Raises MotionError: the file is missing, no JSON object, or names an unknown bone, or one joint twice.
     """
     if path is None:
         return None

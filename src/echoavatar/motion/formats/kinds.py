@@ -1,4 +1,4 @@
-"""What a file of motion or of a character is: its content tells, whatever it is called."""
+"""The format of a file of motion or of a character, read from its content, whatever its name."""
 
 import re
 import sys
@@ -22,8 +22,8 @@ _HEAD_BYTES = 1 << 16
 def kind_of(path: Path) -> str:
     """`BVH`, `GLTF` or `NPZ` by the content, or else by the suffix; "" where neither is known.
 
-    The reader of that kind says what is wrong with a file that is missing, damaged or none. Raises MotionError where
-    there is no file, and the suffix does not tell which reader would say so.
+    A missing or damaged file with a known suffix is left to the reader of that kind, which reports the fault. Raises
+    MotionError: there is no such file, and its suffix is unknown.
     """
     head = b""
     with suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What every reader of a body says: the file's name before each error, and what was assumed in one warning."""
+"""What all readers of bodies and motion report: errors that name the file, and one warning of all assumptions."""
 
 import logging
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def reading(path: Path) -> Iterator[list[str]]:
-    """A context in which each MotionError names the file. Notes that are put into its list become one warning."""
+    """A context in which each MotionError names the file. Notes appended to its list become one warning at its end."""
     notes = list[str]()
     try:
         yield notes

@@ -87,15 +87,15 @@ def is_smpl(names: Collection[str]) -> bool:
     return "skeleton" not in names and any(_LAYOUTS.get(name) in (_WHOLE, _BODY_LAYOUT) for name in names)
 
 
-@np.errstate(invalid="ignore", over="ignore")  # looked for below
+@np.errstate(invalid="ignore", over="ignore")  # checked below
 def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | None = None) -> Motion:
-    """The motion in the arrays of `path`, Y up, standing on the floor; `rig` has other places than `skeleton`.
+    """The motion in the arrays of `path`, Y up, standing on the floor; `rig` may have other offsets than `skeleton`.
 
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
     with reading(path) as notes:
-        most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # what its file has room for
+        most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)  # bounded by the size of the file
         poses, place = _poses(stored, most, notes), next((name for name in _PLACES if name in stored), "")
         found, scale = stored[place] if place else np.zeros(3), stored.get("smpl_scaling", np.ones(1))  # of AIST++
         if found.size not in (3, 3 * len(poses)) or found.shape[-1:] != (3,):
@@ -125,9 +125,9 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
 
 
 def _turns(name: str, array: np.ndarray, layout: _Layout, most: int) -> Float[np.ndarray, "t j 3"]:
-    """The axis angles of the joints of an array, from axis angles or matrices; raises MotionError for others.
+    """The axis angles of an array's joints, from axis angles or matrices; raises MotionError for other shapes.
 
-    They may be flat or not; there may be a single frame, or an axis for a single body. At most `most` are read.
+    Joints may be flattened; there may be a single frame, or an axis for a single body. At most `most` are read.
     """
     if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
         raise MotionError(f"an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")

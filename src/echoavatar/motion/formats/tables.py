@@ -111,9 +111,9 @@ class NpzArrays(zipfile.ZipFile, Mapping[str, np.ndarray]):
     """
 
     def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError, *, most: int | None = None) -> None:
-        """Raises an error of the given kind where the file, or what it unpacks to, has more bytes than `most`.
+        """Raises an error of the given kind: the file, or what it unpacks to, has more bytes than `most`.
 
-        `most` is `limits.ARRAYS_BYTES` where it is not given.
+        `most` is `limits.ARRAYS_BYTES` by default, and less for a file that is packed very tightly (`ARRAYS_PACKED`).
         """
         most = ARRAYS_BYTES if most is None else most
         check_file(path, most, error)

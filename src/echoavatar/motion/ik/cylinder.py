@@ -1,7 +1,7 @@
 """The paper's own rule (Online Post-Processing): a cylinder around the spine, a remap of distance, a shoulder swing.
 
-It serves bundles whose rig was tuned with it, and comparisons. `HandCollisions` is the default and lists what it does
-differently. It acts on whole arrays.
+It serves bundles whose rig was tuned with it, and comparisons. `HandCollisions` is the default, and its module lists
+the differences. This rule acts on whole arrays.
 
 Let d be a wrist's horizontal distance from the pelvis' vertical axis, r the cylinder's radius at its height, and s the
 smoothstep. The wrist's target is at distance d + r (1 - s(d / (1.5 r))): 0 goes to r, 1.5 r stays. The arm then rotates

@@ -66,7 +66,7 @@ class HandPoint(NamedTuple):
 def hand_points(
     skeleton: Skeleton, bones: dict[str, int], side: str, joints: Sequence[str] = KNUCKLES
 ) -> list[HandPoint]:
-    """Points of one hand: wrist, middle of the palm, these joints of fingers, tips; without fingers along the hand."""
+    """Points of one hand: wrist, middle of the palm, these finger joints, tips; without fingers, along the hand."""
     rest = skeleton.rest_positions
     wrist = bones[f"{side}Hand"]
     forearm = rest[wrist] - rest[bones[f"{side}LowerArm"]]
@@ -239,7 +239,7 @@ class HandCollisions:
     """Moves arms so that no hand is inside the body. The motion of a rig whose arms are not known passes unchanged."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
-        """`chains` holds the hips and the feet too, so that other stages can share its pose."""
+        """Without `profile`: `body_of_rig`. `chains` has hips and feet, too, so that stages can share its pose."""
         self.is_able, ends = _has_arms(skeleton), [0, *skeleton.config.feet]
         if not self.is_able:
             self.chains = Chains(skeleton, ends)

@@ -1,4 +1,4 @@
-"""Keep hands on each other and on the body where the source has them: steps of retargeting a clip to another body.
+"""When a clip is retargeted to another body, keep the hands on each other and on the body where the source has them.
 
 If only rotations are retargeted, a clap makes long arms pass through each other, and short arms never meet. Where the
 source's palms are near each other, the target's palms get the same offset from each other, scaled by the size of the
@@ -28,7 +28,7 @@ SKIN_NEAR, SKIN_FAR = 0.3, 1.3  # hand lengths between hand and body: full effec
 HANGING, BENT = 0.45, 0.9  # bend of the elbow, radians: no effect up to HANGING, full effect from BENT on
 FOREARM = 0.37  # length of a hand without knuckles, as a share of the forearm
 PALM = 0.8  # where the palm is on the way from the wrist to the knuckles
-_STRAIGHT = 0.15  # weight of the rest pose's hinge, which decides where the elbow is nearly straight
+_STRAIGHT = 0.15  # weight of the rest pose's hinge, which gives the bending axis of a nearly straight elbow
 
 
 class Arm(NamedTuple):
@@ -94,7 +94,7 @@ def move_hand(
 def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours: BodyProfile) -> Motion:
     """`moved` (`source` on another rig) with its hands on its body wherever the source's are.
 
-    The body of a source whose rest pose does not stand is not known; then nothing changes.
+    Nothing changes if the source's rest pose does not stand upright, because its body is then not known.
     """
     maps = [bone_map(motion.skeleton) for motion in (source, moved)]
     if not has_rest_pose(source.skeleton, maps[0]):

@@ -46,7 +46,7 @@ class BodyProfile(Config):
         write_whole(path, self.model_dump_json(indent=1) + "\n", error=MotionError)
 
     def scaled(self, factor: float) -> "BodyProfile":
-        """The profile of a body so many times as large."""
+        """The profile of a body `factor` times as large."""
         parts = [
             {"bone": part.bone} | {key: (factor * np.array(getattr(part, key))).tolist() for key in ("centre", "radii")}
             for part in self.parts
@@ -56,7 +56,7 @@ class BodyProfile(Config):
 
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
-        """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
+        """Read a file that `save` wrote. Raises MotionError if it is missing or not a profile."""
         try:
             return cls.model_validate(read_object_file(path))
         except OSError as error:
@@ -100,7 +100,7 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
 
 
-# of the first shipped character without her hair, as `measure_body` gave it: bone, centre, radii
+# the profile that `measure_body` gives for Maya, the first shipped character, without her hair: bone, centre, radii
 _ROWS: tuple[tuple[str, Vector, Vector], ...] = (
     ("hips", (0.0, 0.0133, 0.0074), (0.1779, 0.1357, 0.133)),
     ("spine", (0.0, 0.0575, 0.0324), (0.1682, 0.1265, 0.1168)),
@@ -112,15 +112,15 @@ _ROWS: tuple[tuple[str, Vector, Vector], ...] = (
 _PARTS = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in _ROWS]
 _OURS = BodyProfile.model_validate({"parts": _PARTS, "palm": 0.019, "finger": 0.0117})
 
-SHAPES = {  # of an ellipsoid: its height in slices; the percentile that tells its depth; how much of its slice it holds
+SHAPES = {  # ellipsoids: height over that of the slice; percentile that gives the depth; percent of the slice inside
     "hips": (2.2, 98, 94),
     "upperChest": (1.7, 92, 92),
     "neck": (1.5, 90, 30),  # most of its slice belongs to the shoulders
     "head": (1.08, 99, 87),
 }
 OTHER_SHAPE = (2.2, 95, 93)
-WIDTH = 98  # the percentile that tells the width of all
-CHEST = 0.72  # of the way to the shoulder joints: near their height, what is further out does not belong to the chest
+WIDTH = 98  # the percentile that gives the width of all ellipsoids
+CHEST = 0.72  # of the way to the shoulder joints: near their height, points further out do not belong to the chest
 GRID = 0.015  # metres
 FEWEST = 24  # vertices of the head, points of the grid in a slice
 
@@ -193,13 +193,13 @@ def _on_grid(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "n 3"]
 
 
 def _beyond(values: Float[np.ndarray, " n"], border: float) -> Float[np.ndarray, " n"]:
-    """1 for what lies beyond a border and 0 for what does not, with a slope of one cell between."""
+    """1 for values beyond a border and 0 below it, with a slope of one grid cell between."""
     beyond: np.ndarray = np.clip((values - border) / GRID + 0.5, 0, 1)
     return beyond
 
 
 def _percentile(values: Float[np.ndarray, " n"], share: Float[np.ndarray, " n"], percent: float) -> float:
-    """The value below which so much of all shares lies, each spread over the cells that it touches."""
+    """The weighted percentile of the values, with each share spread over the cells that it touches."""
     first = np.floor(values.min() / GRID)
     places = values / GRID - first
     cell = places.astype(int)

@@ -3,9 +3,9 @@
 May import `nn` and below. Metres, radians, Y up, character facing +Z with its left at +X, quaternions `wxyz`,
 rotations relative to the parent; anything else says so in its name.
 
-Each kind of array has one arithmetic:
+Whole clips and live stages have an implementation each, for the arrays that they have:
 
-| | whole clips: batched arrays | live stages, compiled loops: one rotation at a time |
+| | whole clips: batched arrays | live stages: compiled loops, one rotation at a time |
 |---|---|---|
 | rotations | `rotations` | `quaternions` |
 | forward kinematics | `motion` | `ik.limbs`, for the few joints that the stages need |

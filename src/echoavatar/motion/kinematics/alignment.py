@@ -28,10 +28,10 @@ _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
 _TRUNK = ("spine", "chest", "upperChest")
 _UP = (0.0, 1.0, 0.0)
 _IN_LINE = 0.94  # cosine of 20 degrees
-_AHEAD, _LEVEL = 0.5, 0.1  # least level share of a tip, and of the way to the toes, that tells where a foot points
+_AHEAD, _LEVEL = 0.5, 0.1  # least horizontal share of a foot's tip, and of its way to the toes, to tell its heading
 _SHORT = 1.2e-3  # of the leg: the least length of a bone that has a direction
 _BROAD = 0.05  # sine of the least angle between the outermost knuckles, seen from the wrist
-_UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as one
+_UPRIGHT = 0.5  # cosine of the largest lean, and twist between hips and shoulders, of a usable rest pose
 
 
 def align(
@@ -119,7 +119,7 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: f
 
 @cache
 def _our_direction(bone: str) -> Array | None:
-    """The same of our rig, which lacks eyes and jaw."""
+    """`_direction` of a bone of our rig; None for eyes and jaw, which it lacks."""
     ours = HUMANOID.config.vrm
     return _direction(HUMANOID, ours, bone, 0.0) if bone in ours else None
 
@@ -201,7 +201,7 @@ def _facing(skeleton: Skeleton, bones: Mapping[str, int]) -> Array:
 
 
 def _flat(source: Skeleton, pose: Pose, bones: Mapping[str, int], bone: str) -> Array:
-    """The mean rotation, in the bone's frame, to a level frame that points along the standing foot."""
+    """Mean rotation, in the bone's frame, to an upright frame that points along the foot, while that stands."""
     side = "left" if bone.startswith("left") else "right"
     ankle = pose.positions[:, bones[f"{side}Foot"]]
     stands = ankle[:, 1] <= np.quantile(ankle[:, 1], 0.15) + 0.01

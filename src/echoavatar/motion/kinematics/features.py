@@ -32,7 +32,7 @@ class MotionFrames(NamedTuple):
 
 
 def part_sizes(skeleton: Skeleton) -> dict[str, int]:
-    """Feature channels of each part, in order: 57, 78 and 180 for our rig, 315 in all."""
+    """Feature channels of each part, in order: 57, 78 and 180 for our rig. Raises ValueError: it has no parts."""
     sizes = {name: 6 * len(joints) for name, joints in skeleton.config.parts.items()}
     if not sizes:
         raise ValueError("the skeleton names no body parts, so it has no motion features")

@@ -1,9 +1,9 @@
 """Find planted feet, put them on the floor and keep them still by leg IK, without a jerk before or after.
 
-A foot is planted if its joint is near its standing height and has a low VERTICAL speed. Horizontal speed plays no part:
-otherwise a sliding foot would pass for a swinging one. While a foot is planted, its toe joint is held in one place at
-standing height. While the heel is down too, the foot is held level, with one heading. The correction fades in and out
-over the frames around, so that the foot's path stays smooth. The hips are lowered a little where a leg would not reach.
+A foot is planted if its joint is near its standing height and has a low VERTICAL speed. Horizontal speed plays no part,
+or a sliding foot would pass for a swinging one; `foot_contacts` leaves out fast slides. While a foot is planted, its
+toe joint is held in one place at standing height. While the heel is down too, the foot is held level, with one heading.
+The correction fades in and out over the frames around. The hips are lowered a little where a leg would not reach.
 """
 
 from dataclasses import replace

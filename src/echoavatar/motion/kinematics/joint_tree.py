@@ -1,4 +1,4 @@
-"""The joints of a file as a tree, and what its limbs say about the trunk between them."""
+"""The joints of a file as a tree, and the bones of trunk and head, found from where its limbs meet."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ REQUIRED = ("hips", "head") + tuple(
 )
 UPRIGHT = 0.7  # cosine; the head goes up from the neck, a jaw or the brim of a hat does not
 MOST = 12  # joints of an arm that are looked at
-END = 0.09  # of the height where the arms meet: the end of a head is farther from it, a head is nearer to the neck
+END = 0.09  # of the height at which the arms meet: a last joint farther than this above its parent is the head's end
 
 
 def with_parents(joints: Iterable[int], parents: Sequence[int] | Mapping[int, int]) -> set[int]:
-    """The joints and all that they hang from."""
+    """The joints and all their ancestors."""
     found = set[int]()
     for joint in joints:
         while joint >= 0 and joint not in found:
@@ -44,7 +44,7 @@ class Tree:
 
     @cached_property
     def children(self) -> list[list[int]]:
-        """The joints that hang from each."""
+        """The children of each joint."""
         found: list[list[int]] = [[] for _ in self.parents]
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
@@ -60,24 +60,24 @@ class Tree:
         return line
 
     def below(self, joint: int) -> list[int]:
-        """The joint and all that hangs from it, parents first."""
+        """The joint and its descendants, parents first."""
         found = [joint]
         for one in found:
             found += self.children[one]
         return found
 
     def meet(self, joints: Sequence[int]) -> int:
-        """The lowest joint that all of them hang from, or are; -1 for none."""
+        """The lowest common ancestor of these joints, which may be one of them; -1 for none."""
         lines = [self.above(joint) for joint in joints]
         return next((joint for joint in (lines[0] if lines else []) if all(joint in line for line in lines)), -1)
 
     def bearing(self) -> list[int]:
-        """The joints without pivots and groups: those hold one joint, whose place and name are theirs too.
+        """The joints without pivots and groups, which have one child, stand in its place and repeat its name.
 
-        A group may also stand in its parent's place; one without a word for a part of the body need not have the name.
+        A group may also stand in its parent's place. If its name says no part of the body, it need not repeat the name.
         """
         near = 1e-3 * float(np.ptp(self.places, axis=0).max())
-        held = list(range(len(self.names)))  # by each joint, or itself
+        held = list(range(len(self.names)))  # the joint that each pivot or group stands for, or the joint itself
         for joint in reversed(held[:]):
             parent = self.parents[joint]
             if len(self.children[joint]) == 1:
@@ -90,13 +90,13 @@ class Tree:
         return [joint for joint, one in enumerate(held) if one == joint]
 
     def only(self, joints: Sequence[int]) -> "Tree":
-        """The tree of these joints alone, each below the next of them that it hangs from."""
+        """The tree of these joints alone; the parent of each is its nearest ancestor among them."""
         at = {joint: k for k, joint in enumerate(joints)}
         above = [next((at[one] for one in self.above(joint)[1:] if one in at), -1) for joint in joints]
         return Tree([self.names[joint] for joint in joints], above, self.places[list(joints)])
 
     def evenest(self, line: Sequence[int], end: int) -> tuple[int, ...]:
-        """The two joints of a line that make the most of two equal bones up to its end; none of fewer than two."""
+        """The two joints of a line whose bones up to `end` are longest and most equal; () for fewer than two."""
 
         def evenness(pair: tuple[int, ...]) -> float:
             upper, lower = np.linalg.norm(np.diff(self.places[[*pair, end]], axis=0), axis=1)
@@ -154,5 +154,5 @@ def head_above(tree: Tree, arms: int, beside: Sequence[int], up: Float[np.ndarra
 
 
 def _plain(tree: Tree, joint: int) -> list[int]:
-    """Children in the middle of the body."""
+    """Children of a joint that are no helpers and belong to neither side."""
     return [child for child in tree.children[joint] if not (tree.said[child].side or tree.said[child].is_helper)]

@@ -1,8 +1,8 @@
 """What the name of a joint says: a side and a part of the body, in the words of many programs.
 
-Names are read, not listed: namespaces, prefixes, case, separators and digits differ from program to program, the words
-for a thigh (`words.toml`) are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_L_UpperLeg`, `thigh.L`, `lfemur` and
-`左足` all are.
+Names are read, not listed: namespaces, prefixes, case, separators and digits differ from program to program, but the
+words for a thigh (`words.toml`) are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_L_UpperLeg`, `thigh.L`, `lfemur`
+and `左足` all mean a left thigh.
 """
 
 import re
@@ -19,9 +19,9 @@ DIGITS = ("thumb", "index", "middle", "ring", "little")
 CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
-LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
-START_WORDS, END_WORDS = 5, 2  # of a label in front of all names, and of one behind them
-START_SHARE = 0.65  # any word is one that more of all names begin or end with; fingers are not as many
+LABEL_SHARE = 0.8  # any word that stands beside more of a rig's parts is a label, too
+START_WORDS, END_WORDS = 5, 2  # the most words of a label in front of all names, and behind them
+START_SHARE = 0.65  # a word with which more of all names begin or end is a label; fingers are fewer
 _PARTS = TABLES["joints"]
 _KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side, words in TABLES[kind].items()]
 _KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
@@ -36,10 +36,10 @@ class Said(NamedTuple):
 
     side: str  # "left", "right", "" for neither
     part: str  # a key of the table of parts, "" for none
-    number: int  # right behind the finger; -1 for none
+    number: int  # that follows the word for a finger; -1 for none
     is_metacarpal: bool
-    helpers: tuple[str, ...]  # words for what is no bone of a body: twist, IK, end, hair and the like
-    strangers: tuple[str, ...]  # words that are not known
+    helpers: tuple[str, ...]  # words for joints that are no bones of a body: twist, IK, end, hair and the like
+    strangers: tuple[str, ...]  # unknown words
     plain: tuple[str, ...]  # all its words and digits except the side
 
     @property
@@ -57,13 +57,13 @@ def read_names(names: Sequence[str]) -> list[Said]:
         for word in {*one.strangers, *one.helpers}:
             beside.setdefault(word, []).append(one.part)
     labels = {word for word, near in beside.items() if word not in _WORDS and len(set(near)) >= LABEL_PARTS}
-    labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # all are controls
+    labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # such as `ctrl`
     left = [[tuple(w for w in words if w not in labels) for words in (one.helpers, one.strangers)] for one in said]
     return [one._replace(helpers=h, strangers=s) for one, (h, s) in zip(said, left, strict=True)]
 
 
 def _without_label(names: Sequence[str]) -> Sequence[str]:
-    """The names without the few words that nearly all begin or end with, whatever these say: `HeadGirl_Hips`."""
+    """The names without the words with which nearly all begin or end, whatever these mean: `HeadGirl_Hips`."""
     for pattern in _LABELS:
         labels = Counter(found[0] for name in names if (found := pattern.search(name)))
         label, count = max(labels.items(), key=lambda found: found[1], default=("", 0))
@@ -112,7 +112,7 @@ def _words(chunk: str) -> list[str]:
 
 @lru_cache(maxsize=CACHED)
 def _labelled(text: str) -> tuple[str, ...]:
-    """A word that may begin with a label, as `mixamorighips` does without capitals."""
+    """The words of a run of small letters that may begin with a label, as `mixamorighips` does."""
     for start in range(1, len(text)):
         words = _split(text[start:]) or ()
         if any(_WORDS.get(word) in _PARTS for word in words):
@@ -122,7 +122,7 @@ def _labelled(text: str) -> tuple[str, ...]:
 
 @lru_cache(maxsize=CACHED)
 def _split(text: str, is_first: bool = True) -> tuple[str, ...] | None:
-    """Known words that make up the text, the longest first; a side of one letter only at an end of it."""
+    """The known words that make up the text, longest first; words of one or two letters count only at its ends."""
     if not text or text.isdecimal():
         return (text,) if text else ()
     for end in range(min(len(text), _LONGEST), 0, -1):

@@ -20,7 +20,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
 
-SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
+SLOWEST_HZ = 0.1  # least frame rate; with a lower one a short file would last for years
 _SAME_RATE = 3e-4  # share by which a measured rate may miss a whole one
 
 
@@ -61,7 +61,7 @@ class Motion:
     fps: float
 
     def __post_init__(self) -> None:
-        """Raise MotionError for shapes that do not fit, no frames, or values that are not finite."""
+        """Raise MotionError: shapes do not fit, no frames, values are not finite, or an impossible frame rate."""
         t, joints = self.frames, self.skeleton.joints
         if t == 0:
             raise MotionError("the motion has no frames; record it again or choose another")
@@ -72,8 +72,7 @@ class Motion:
             )
         if not (np.isfinite(self.rotations).all() and np.isfinite(self.root).all()):
             raise MotionError("the motion holds values that are not finite; repair these frames or leave them out")
-        if not SLOWEST_HZ <= self.fps < 10_000:
-            raise MotionError(f"{self.fps:g} frames per second is not a frame rate; give one of {SLOWEST_HZ} to 10,000")
+        _check_rate(self.fps)
 
     @classmethod
     def at_rest(cls, skeleton: Skeleton) -> "Motion":
@@ -119,8 +118,9 @@ def resample(motion: Motion, fps: float) -> Motion:
 
     Frames at an instant that both rates share are copied exactly.
 
-    Raises MotionError: it has more frames than a motion may have.
+    Raises MotionError: `fps` is not a frame rate, or gives more frames than a motion may have.
     """
+    _check_rate(fps)
     ratio = frame_ratio(motion.fps, fps)
     count = int((motion.frames - 1) / ratio) + 1
     if count * motion.skeleton.joints > ROTATIONS:
@@ -153,6 +153,11 @@ def usual_rate(fps: float) -> float:
 def frame_ratio(source_fps: float, fps: float) -> Fraction:
     """Source frames per new frame, exactly; 29.97 means 30000/1001, and likewise 23.976 and 59.94."""
     return _fraction(source_fps) / _fraction(fps)
+
+
+def _check_rate(fps: float) -> None:
+    if not SLOWEST_HZ <= fps < 10_000:
+        raise MotionError(f"{fps:g} frames per second is not a frame rate; give one of {SLOWEST_HZ} to 10,000")
 
 
 def _fraction(fps: float) -> Fraction:

@@ -49,7 +49,7 @@ def finger_bones(side: str) -> dict[str, list[str]]:
 
 
 def _starts(tree: Tree) -> list[int]:
-    """The lowest joints with all that any joint has below it: one for each of several equal bodies."""
+    """The lowest joints below which most bones of a body are named: one for each of several equal bodies."""
     claims: list[set[str]] = []
     for said in tree.said:
         bones = {said.side + bone for bone in _MEANS.get(said.part, ())} if said.side else set(_HEADS) & {said.part}
@@ -111,7 +111,7 @@ def _limb(tree: Tree, joints: Sequence[int], side: str, bones: Sequence[str]) ->
 
 
 def _evened(tree: Tree, arm: dict[str, int]) -> dict[str, int]:
-    """The arm; of joints that are only counted (`Arm1`, `Arm2`, `Arm3`) those make the most of two equal bones."""
+    """The arm; of joints that differ in a number alone (`Arm1`, `Arm2`, `Arm3`), the two with the most equal bones."""
 
     def name(joint: int) -> tuple[object, ...]:
         said = tree.said[joint]
@@ -159,7 +159,7 @@ def _fingers(tree: Tree, hand: int, side: str) -> dict[str, int]:
             chain = [joint for joint in chain if not tree.said[joint].is_metacarpal]
             numbers = [tree.said[joint].number for joint in chain[:2]]
             if len(chain) > 3 and (numbers[0] == 0 or numbers[0] == numbers[1] > 0):
-                del chain[0]  # 0, or another 1, before 1, 2, 3 lies in the palm as well
+                del chain[0]  # a joint 0, or a second joint 1, before 1, 2, 3 is a metacarpal
         found |= dict(zip(names, chain, strict=False))
     return found
 

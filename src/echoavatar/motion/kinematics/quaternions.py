@@ -1,7 +1,7 @@
 """Quaternion and vector arithmetic for compiled loops, one rotation at a time.
 
 Arrays hold float32. Between reading and writing, a quaternion is a tuple of four floats (`wxyz`) and a vector a tuple
-of three, in double precision. `rotations` is the arithmetic for whole clips; a test holds the two together.
+of three, in double precision. `rotations` is the arithmetic for whole clips; a test compares the two.
 """
 
 import math
@@ -15,25 +15,25 @@ _SMALLEST = 1e-12  # length of a quaternion below which it counts as zero
 
 @kernel()
 def read_vector(v):  # type: ignore[no-untyped-def]
-    """Read three numbers of an array."""
+    """The first three numbers of an array as a vector."""
     return float(v[0]), float(v[1]), float(v[2])
 
 
 @kernel()
 def read_quaternion(q):  # type: ignore[no-untyped-def]
-    """Read four numbers of an array."""
+    """The first four numbers of an array as a quaternion."""
     return float(q[0]), float(q[1]), float(q[2]), float(q[3])
 
 
 @kernel()
 def write_vector(out, v):  # type: ignore[no-untyped-def]
-    """Write three numbers into an array."""
+    """Write a vector into the first three numbers of an array."""
     out[0], out[1], out[2] = v[0], v[1], v[2]
 
 
 @kernel()
 def write_quaternion(out, q):  # type: ignore[no-untyped-def]
-    """Write four numbers into an array."""
+    """Write a quaternion into the first four numbers of an array."""
     out[0], out[1], out[2], out[3] = q[0], q[1], q[2], q[3]
 
 

@@ -27,7 +27,7 @@ from .skeleton import HUMANOID, Skeleton
 Array = np.ndarray
 _log = logging.getLogger(__name__)
 _LEG = leg_length(HUMANOID, HUMANOID.config.vrm)
-_WORSE, _SEEN = 1.25, 1.0  # times the skating of the source, and cm/s beyond that, from which on a warning says so
+_WORSE, _SEEN = 1.25, 1.0  # a warning comes above this factor of the source's skating plus these cm/s
 
 
 def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool = True) -> Motion:
@@ -72,7 +72,7 @@ def _skate(motion: Motion, size: float) -> float:
 class PlainRig(NamedTuple):
     """A rig in our rest pose: arms stretched to the sides, legs down, feet flat, whatever pose its file has at rest.
 
-    Its own motion, relative to its own rest pose, and motion relative to this one lead to the same places.
+    `of_own` and `to_own` convert motion between its two rest poses; every joint keeps its place.
     """
 
     skeleton: Skeleton
@@ -97,7 +97,7 @@ def _posed(motion: Motion, skeleton: Skeleton, rotations: Array) -> Motion:
 
 
 def plain_rig(skeleton: Skeleton) -> PlainRig:
-    """The rig with its bones as they rest in ours, and its hips where they are.
+    """The rig in our rest pose, with its own bone lengths and its hips where they are.
 
     Raises MotionError if the rig's bones are not known.
     """

@@ -1,7 +1,7 @@
 """Which bones of the VRM humanoid set the joints of a rig are.
 
-A rig with a VRM map is believed. Other joints are read by their names (`named_bones`); what names leave open, the shape
-of the body tells (`shaped_bones`), where it does not contradict them. A map by the user comes before both.
+A VRM map in the file is believed. Without one, joints are found by their names (`named_bones`), and what names leave
+open by the shape of the body (`shaped_bones`), unless it contradicts them. A map by the user comes before all.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bon
 
 
 class UnknownRigError(MotionError):
-    """Bones that motion needs are not found; `found` are those that are, with their joints."""
+    """Bones that motion needs are not found; `found` has the joint names of the others by bone."""
 
     def __init__(self, message: str, found: Mapping[str, str] | None = None) -> None:
         super().__init__(message)
@@ -87,7 +87,7 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
 
 
 def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
-    """Also the bones that the shape tells, unless it contradicts the names; these know left and right better."""
+    """The named bones and those that the shape tells, unless it contradicts the names. Names decide left and right."""
     shaped = shaped_bones(tree)
     said = [(bone, tree.said[joint].side) for bone, joint in shaped.items() if tree.said[joint].side]
     if 2 * sum(bone.startswith(side) for bone, side in said) < len(said):
@@ -101,10 +101,7 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
 
 
 def check_bones(names: Sequence[str], found: Mapping[str, int]) -> None:
-    """Raise where bones that motion needs are missing.
-
-    Raises UnknownRigError: says what was found, what is missing, and the remedy.
-    """
+    """Raises UnknownRigError if bones that motion needs are missing; it lists them, and what was found."""
     missing = [bone for bone in REQUIRED if bone not in found]
     if not missing:
         return

@@ -12,14 +12,14 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def length(vector: Float[Array, "*n c"]) -> Float[Array, "*n 1"]:
-    """Length along the last axis, which stays; infinite where the squares of a file's numbers overflow."""
+    """Length along the last axis, which is kept; infinite where the squares of a file's numbers overflow."""
     with np.errstate(over="ignore"):
         size: Array = np.sqrt(np.square(vector).sum(-1, keepdims=True))
     return size
 
 
 def unit(vector: Float[Array, "*n c"], least: float = 1e-12) -> Float[Array, "*n c"]:
-    """The vector at length 1; one shorter than `least` is divided by that."""
+    """The vector at length 1; a vector shorter than `least` is divided by `least`."""
     direction: Array = vector / np.maximum(length(vector), least)
     return direction
 

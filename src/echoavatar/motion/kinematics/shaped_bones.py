@@ -1,4 +1,4 @@
-"""Which joint is which bone, by the shape of the tree alone: for names in no language that is known.
+"""Which joint is which bone, by the shape of the tree alone: for rigs whose names are not understood.
 
 A body at rest stands on two equal legs that meet at the hips. Above them two equal arms go to the sides, and a head
 goes up between them. Feet point ahead, which tells left from right.
@@ -16,7 +16,7 @@ _Vector = Float[np.ndarray, "3"]
 _UPS = np.array([(0, 1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (1, 0, 0), (-1, 0, 0)], np.float64)
 _LEG, _ARM = ("UpperLeg", "LowerLeg", "Foot", "Toes"), ("UpperArm", "LowerArm", "Hand", "Shoulder")
 FLOOR = 0.1  # of the height: ankles are lower, knees and hands higher
-HIP = 0.12  # of a leg: the thigh begins no lower, but twist joints in it do
+HIP = 0.12  # of a leg, below its top: the thigh begins no lower, but its twist joints do
 ALIKE = 0.2  # the most by which two legs or two arms differ in length
 KNEE = 0.25  # of a limb: each of its two bones is longer
 SIDEWAYS = 0.08  # of the height: arms go farther from the middle
@@ -44,7 +44,7 @@ class _Body:
         self.lowest = np.array(
             [np.inf if said.is_helper else high for said, high in zip(tree.said, self.high, strict=True)]
         )
-        for joint in range(len(tree.parents) - 1, 0, -1):  # of all that hangs from each joint
+        for joint in range(len(tree.parents) - 1, 0, -1):  # the lowest of each joint's descendants
             if (parent := tree.parents[joint]) >= 0:
                 self.lowest[parent] = min(self.lowest[parent], self.lowest[joint])
 
@@ -66,7 +66,7 @@ class _Body:
         standing = {joint for leg in legs for joint in self.tree.below(leg[0])}
         tops = self.high[legs[0][0]] + FLOOR * self.tall
         while node >= 0 and not any(self.high[j] > tops for j in self._below(node) if j not in standing):
-            node = self.tree.parents[node]  # the legs have a hip of their own
+            node = self.tree.parents[node]  # the legs meet at a joint below the hips
         return self._upper(node, [j for j in self._below(node) if j not in standing], legs) if node >= 0 else {}
 
     def _upper(self, hips: int, trunk: list[int], legs: list[list[int]]) -> dict[str, int]:
@@ -157,7 +157,7 @@ class _Body:
     def _fingers(self, hand: int, side: str) -> dict[str, int]:
         """Four or five digits: the thumb goes another way than the others, which lie in order beside it."""
         chains = self._digits(hand)
-        chains = chains if len(chains) <= 5 else [chain for chain in chains if len(chain) > 2]  # what it holds
+        chains = chains if len(chains) <= 5 else [chain for chain in chains if len(chain) > 2]  # without what it holds
         if not 4 <= len(chains) <= 5:
             return {}
         near = [self._long(hand, chain[0]) for chain in chains]

@@ -20,7 +20,7 @@ from echoavatar.limits import JOINTS
 
 _NO_NAME = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # a name becomes part of a line in BVH and CSV
 _NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")
-NAME_LETTERS = 240  # of a name that is read; numbers come behind
+NAME_LETTERS = 240  # of a name that are kept; a number may follow
 
 
 class SkeletonConfig(Config):
@@ -155,7 +155,7 @@ def summed(offsets: Float[np.ndarray, "j 3"], parents: Sequence[int]) -> Float[n
 
 
 def triples(rows: Iterable[Iterable[float]]) -> tuple[tuple[float, float, float], ...]:
-    """Rows of three numbers as a skeleton has them."""
+    """Rows of three numbers as a tuple of tuples of floats, as `SkeletonConfig` has them."""
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
 
@@ -188,7 +188,7 @@ class SkinWeights(NamedTuple):
     shares: Float[np.ndarray, "v k"]
 
     def on(self, joints: Sequence[int]) -> Float[np.ndarray, " v"]:
-        """The part of each vertex that follows these joints."""
+        """The share of each vertex that follows these joints, 0 to 1."""
         return np.asarray((self.shares * np.isin(self.joints, joints)).sum(1))
 
 
@@ -242,7 +242,7 @@ def _humanoid() -> SkeletonConfig:
 
 
 def numbered(names: Iterable[str]) -> list[str]:
-    """The names on one line each, the ends of long ones, each once: those that come again get a number."""
+    """Unique names without control characters: long ones keep their end, repeated ones get a number."""
     found, again = dict[str, None](), Counter[str]()
     for written in names:
         new = name = _NO_NAME.sub("_", written)[-NAME_LETTERS:]

@@ -34,17 +34,17 @@ UNITS = (  # name, metres, and the heights in metres that make it the likely one
     ("tens of metres", 10.0, 1.0, 3.0),
     ("hundreds of metres", 100.0, 1.0, 3.0),
 )
-MIRRORED = "it is mirrored, because its left is on the right of its feet"
+MIRRORED = "it is mirrored, because its left side is on the right where its toes point ahead"
 _TALL = 1.21  # a person's height over the length of trunk, neck, thigh and shin
 _STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the vertical
 _CLEAR = 0.75  # cosine: a direction that belongs to one axis
 _FLOOR = 0.2  # of the height: a floor at 0 is not farther from the lower foot
 _LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a lying figure are
-_LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 degrees and of a third of one: how far from its axes a body is
+_LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 and of 0.36 degrees: how far up and side may be off a frame's axes
 _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
-_SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
-_MOSTLY, _FASTEST = 0.9, 10.0  # of the time; heights a second, which nobody moves
-_TIMES, _NEAR = (100.0, 1000.0), 1.15  # by how much the places of the hips may be too large, and how nearly
+_SAME = 2.99  # trace of a turn by 6 degrees; smaller turns are not reported
+_MOSTLY, _FASTEST = 0.9, 10.0  # share of the time; body heights a second, faster than anybody moves
+_TIMES, _NEAR = (100.0, 1000.0), 1.15  # by which hip positions may be too large, and the tolerance of the test
 _BEHIND = 0.04  # of the length of a leg: toes so far behind the feet, both together, belong to a mirrored figure
 _SAMPLES = 64  # frames of a clip that are looked at
 _NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
@@ -53,12 +53,12 @@ _Turn = Float[np.ndarray, "3 3"]
 
 
 class Stand(NamedTuple):
-    """What makes a file's axes and unit ours; rest pose and world may need different turns, or both a mirror."""
+    """The turns and the scale from a file's axes and unit to ours; rest pose and world may need different turns."""
 
-    rest: _Turn = np.eye(3)
+    rest: _Turn = np.eye(3)  # both may mirror
     world: _Turn = np.eye(3)
     metres: float = 0.01  # of one unit
-    tall: float = 0.0  # metres; 0 where it is not known
+    tall: float = 0.0  # the figure's height, metres; 0 where it is not known
 
     def notes(self, usual: float = 0.01) -> list[str]:
         """The assumptions, in words."""
@@ -130,7 +130,7 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
 
 
 def _seen(motion: Motion) -> Float[np.ndarray, "t j 3"]:
-    """Where the joints are in some frames."""
+    """Positions of the joints in up to `_SAMPLES` frames."""
     seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
     some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
     return some.pose(np.float64).positions
@@ -144,7 +144,7 @@ def _faces_toes(bones: Mapping[str, int], places: Float[np.ndarray, "t j 3"], up
 
 
 def placed(motion: Motion, bones: Mapping[str, int], notes: list[str]) -> Motion:
-    """A motion in metres, Y up, with its hips in the unit of its bones, and in `notes` what was changed.
+    """A motion in metres, Y up, with its hips in the unit of its bones; `notes` receives what was changed.
 
     Some programs scale the bones and not the keys, so that the hips fly a hundred times as high as the legs are long.
     Raises MotionError: it moves faster than any body, because its places have some other unit.
@@ -187,10 +187,10 @@ def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Mot
 def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),), *, mirrored: bool = False) -> _Turn:
     """The matrix from the rig's axes to ours (Y up, facing +Z, left +X); for a mirrored rig it has a mirror in it.
 
-    Heads are not exactly above hips. So the body stands and faces along axes of the first of `frames` that has them
-    near, or at least stands along one; the columns of a frame are its axes. Without any, it stands as it was measured.
+    A head is not exactly above the hips, so what is measured is snapped to axes of `frames` (columns): of the first
+    with axes near up and left, else of the first with one near up. If there is none, the measured directions stay.
     A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes. Raises
-    MotionError: the hips, the head and the two sides are not in the places of a body's.
+    MotionError: the hips, the head and the two sides do not lie as a body's.
     """
     line = [places[bone] for bone in ("leftFoot", "leftLowerLeg", "leftUpperLeg", "head")]
     size = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
@@ -207,7 +207,7 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
 def _standing(
     places: Mapping[str, _Vector], across: _Vector, ups: Sequence[tuple[_Turn, _Vector]], *, mirrored: bool = False
 ) -> _Turn:
-    """The matrix to our axes of a body whose left side is `across`: along the first up whose frame has its side too."""
+    """The matrix to our axes of a body whose left is `across`, by the first of `ups` whose frame has that axis."""
     lefts = [unit(across - (across @ up) * up) for _, up in ups]
     sides = [_nearest(frame, left) for (frame, _), left in zip(ups, lefts, strict=True)]
     best = next((k for k, (side, left) in enumerate(zip(sides, lefts, strict=True)) if side @ left > _TURNED), -1)
@@ -219,19 +219,19 @@ def _standing(
 
 
 def _toes(places: Mapping[str, _Vector]) -> _Vector:
-    """From the feet to their toes, both together; nothing without any."""
+    """The sum of both vectors from foot to toes; 0 without toes."""
     toes = [places[f"{side}Toes"] - places[f"{side}Foot"] for side in SIDES if f"{side}Toes" in places]
     return np.sum(toes, axis=0) if toes else np.zeros(3)
 
 
 def metres_of(tall: float, stated: float = 0.0) -> float:
-    """Metres in the unit of a figure so tall: the stated one if that makes a person, the likeliest, or its own."""
+    """Metres in a unit: `stated` if the figure is then as tall as people, else the likeliest, else 1.7 / `tall`."""
     likely = (unit for _, unit, least, most in (("", stated, *_ANYONE), *UNITS) if least <= tall * unit <= most)
     return next(likely, _MEAN / tall)
 
 
 def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
-    """The rig so many times as large."""
+    """The rig, `factor` times as large."""
     return turned(Motion.at_rest(skeleton), np.eye(3), np.eye(3), factor).skeleton
 
 
@@ -244,7 +244,7 @@ def _lifted(up: _Vector) -> _Turn:
 
 
 def _nearest(frame: _Turn, way: _Vector) -> _Vector:
-    """The axis of a frame, to either side, that is nearest to a way."""
+    """The axis of a frame, positive or negative, that is nearest to a direction."""
     axes = np.concatenate([frame.T, -frame.T])
     nearest: np.ndarray = axes[np.argmax(axes @ way)]
     return nearest

@@ -1,4 +1,4 @@
-"""Sliding windows over time; the first and last frame stand for those before and behind."""
+"""Sliding windows over time; the first and the last frame are repeated beyond the ends."""
 
 import numpy as np
 from jaxtyping import Float

@@ -32,7 +32,7 @@ FADE = 0.78  # share of a correction that remains after a frame in the air
 SETTLE = 0.35  # share of the height error that is removed per planted frame
 LARGEST = 0.12  # metres: the farthest that a foot is held from its decoded place
 LARGEST_ON_LEASH = 0.30  # the same in rows with a leash or in place
-BACK = 0.015  # metres from its decoded place at which a released foot may be planted again
+BACK = 0.015  # metres from its decoded place within which a released foot may be planted again
 STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, along the floor: below it a foot may be planted; above, it steps
 CLEARANCE = 0.045  # metres: height of a stepping foot
 CLEAR = 0.035  # metres above the floor from which a foot travels, and its correction fades, at full speed
@@ -82,7 +82,7 @@ class Feet:
     ) -> None:
         """Bend the legs of `pose` in place so that planted feet stay; `chains` is the pose's.
 
-        `decoded_root` is the root before the leash, by which feet are told to stand or step. `largest` is how far a
+        `decoded_root` is the root before the leash, by which feet are judged to stand or step. `largest` is how far a
         foot may be held from its decoded place, metres, per row.
         """
         if self._legs is not None:

@@ -44,7 +44,7 @@ class MotionOptions(Config):
         " while it listens",
     )
     feeling: float = Field(
-        default=0.8, ge=0, le=1, description="how far the face shows what the voice feels: 0 not, 1 as an action's mood"
+        default=0.8, ge=0, le=1, description="how far the face shows what the voice feels: 0 not, 1 as much as a mood"
     )
 
 
@@ -55,7 +55,7 @@ FREE = MotionOptions()
 class ModesState(StreamState):
     """Each row's options (leash in metres, in place, upper body as 0 or 1), and how many frames its legs have idled.
 
-    The frames begin again with each whole period of the sway: float32 holds each frame's number for days only.
+    The count of frames restarts after a whole period of the sway, because float32 counts frames for some days only.
     """
 
     options: Float[Array, "b 3"]
@@ -78,12 +78,12 @@ class IdleLegs:
         return ModesState(np.zeros((rows, 3), np.float32), np.zeros(rows, np.float32))
 
     def stand(self, pose: Pose, rows: Bool[Array, " b"]) -> None:
-        """Set hips and legs to rest; before forward kinematics."""
+        """Set hips and legs of these rows to rest. Call it before forward kinematics."""
         for row in np.flatnonzero(rows):
             pose.rotations[row][:, self._lower] = (1, 0, 0, 0)
 
     def sway(self, pose: Pose, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]) -> None:
-        """Set the root of idle rows; before the feet are held."""
+        """Set the root of these rows to the sway. Call it before the feet are held."""
         if not rows.any():
             return
         frame = state.frames[:, None] + np.arange(1, pose.frames + 1, dtype=np.float32)

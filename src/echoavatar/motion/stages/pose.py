@@ -44,7 +44,7 @@ class Unpacking:
         self._travel, self._joints = travel.start, skeleton.joints
 
     def pose_of(self, features: Float[Array, "b t c"], fps: float) -> tuple[Pose, bool]:
-        """Rotations, and travel as decoded; and whether all of them are valid."""
+        """The rotations and the decoded travel, and whether all of them are valid."""
         rows, frames = features.shape[:2]
         rotations = np.zeros((rows, frames, self._joints, 4), np.float32)
         rotations[..., 0] = 1  # joints without features rest
@@ -66,7 +66,7 @@ def unpack(features, first, joints, travel, rotations, root):  # type: ignore[no
                 q = from_two_rows(read_vector(numbers[at:]), read_vector(numbers[at + 3 :]))
                 is_good &= q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] > 0.5
                 write_quaternion(rotations[row, frame, joints[index]], q)
-            for axis, at in enumerate((travel, travel + 2, travel + 1)):  # decoded as across, along, height
+            for axis, at in enumerate((travel, travel + 2, travel + 1)):  # features hold x, z, height
                 root[row, frame, axis] = numbers[at]
                 is_good &= np.isfinite(numbers[at])
     return is_good

@@ -47,12 +47,12 @@ class PostState(StreamState):
 
 
 class Post:
-    """The stages in order: pose, smoother, stillness, ground, leash, feet, hands; a speed limit belongs to the last."""
+    """The stages in order: pose, smoother, stillness, ground, leash, feet, hands (with a speed limit behind them)."""
 
     def __init__(
         self, skeleton: Skeleton, *, stages: Collection[str] = SWITCHES, body: BodyProfile | None = None
     ) -> None:
-        """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
+        """`stages` names the stages to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
 
         Raises EchoAvatarError if there is no stage of that name.
         """
@@ -91,7 +91,7 @@ class Post:
     ) -> MotionBatch:
         """The motion of a chunk. `on_stage(name)` is called after each stage, also after those left out.
 
-        `hands`: how far the left and the right arm move, and whether they talk, see `stillness.WHOLE`.
+        `hands`: sizes of the left and the right arm's moves, and 1 where the speaker talks; see `stillness.WHOLE`.
         """
         report = on_stage or _ignore
         radius, in_place, upper_body = state.modes.options.T

@@ -1,21 +1,21 @@
 """A smoother that removes trembling and jumps, and bounds the speed of every joint.
 
-Sampled codes carry noise that a decoder cannot tell from motion. Each latent of 4 frames may begin with a small step,
+Sampled codes carry noise that a decoder cannot tell from motion. Each motion token (4 frames) may begin with a jump,
 and the first frames of a chunk need not continue the last ones. So the body is shown `DELAY` frames late, as late as
-the face: the last frames before a step are not shown yet, and can lead to it. They and the new chunk, x, are replaced
+the face: the last frames before a jump are not shown yet, and can lead to it. They and the new chunk, x, are replaced
 by a path y that continues the frames already shown and approaches the decoded rotations towards its end (a
 Whittaker-Henderson smoother with a fixed start). y minimises
 
     sum_k  ((k + 1) / n)^LATE |y_k - x_k|^2  +  STIFFNESS s_k |third difference of (shown, y) that ends in y_k|^2
 
 over the four numbers of the unit quaternions, and over the root's travel. The solution is one small matrix. All of y
-but its last frames is shown. s_k is `BEND` where a latent begins and 1 elsewhere: there acceleration may change at less
-cost. No joint turns faster than `FASTEST`. `docs/results/post.md` says how the numbers were chosen. The paper has no
-smoother.
+but its last frames is shown. s_k is `BEND` where a motion token begins, and 1 elsewhere: there acceleration may change
+at less cost. No joint turns faster than `FASTEST`. `docs/results/post.md` says how the numbers were chosen. Not in the
+paper.
 
 `SpeedLimit` holds the same bound behind the last stage. A hand that would pass through the body is pushed out of it,
-and where the nearest way out changes sides, so does the hand, from one frame to the next. The limit spreads such a turn
-over the frames that it takes at `FASTEST`.
+and when the nearest way out changes sides, the hand would change sides within one frame. The limit spreads such a turn
+over several frames.
 """
 
 import math
@@ -35,15 +35,15 @@ from .pose import Array, Pose
 FASTEST = math.radians(1000)  # per second
 LATE = 5  # exponent of the weight of later frames
 STIFFNESS = 0.5  # at 0 the path is the decoded one
-BEND = 0.5  # factor of the stiffness where a latent begins
+BEND = 0.5  # factor of the stiffness where a motion token begins
 SHOWN = 3  # frames that a third difference reaches back
-DELAY = 1  # frames by which the body is shown after the sound it was made of
+DELAY = 1  # frames by which the body is shown after its sound
 KNOWN = SHOWN + DELAY
 
 
 @dataclass
 class SmootherState(StreamState):
-    """The last rotations and travels shown, then those decoded and not shown; zero before the first."""
+    """The last `SHOWN` rotations and travels shown, then `DELAY` decoded ones not yet shown; zero before the first."""
 
     rotations: Float[Array, "b 4 j 4"]
     travel: Float[Array, "b 4 3"]
@@ -133,7 +133,7 @@ def align_signs(path):  # type: ignore[no-untyped-def]
 
 @kernel()
 def remember(past, path, now):  # type: ignore[no-untyped-def]
-    """Keep the last `SHOWN` frames of the path before the chunk and of the chunk, then the last that were decoded."""
+    """Fill `past` for the next chunk: the last `SHOWN` frames shown, then the last `DELAY` frames decoded."""
     for number in range(now.shape[1]):
         for frame in range(SHOWN):
             then = len(now) + frame

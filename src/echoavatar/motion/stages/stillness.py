@@ -1,6 +1,6 @@
 """A hand that hardly moves rests; one that gestures is hardly delayed, and the trunk moves with it.
 
-Codes are drawn anew for every latent, and one code holds both arms. While one hand works, the draws also move the
+Codes are drawn anew for every motion token, and one code holds both arms. While one hand works, the draws also move the
 other, and no hand ever comes to rest. People's hands do: they rest, and they stay up, with small moves. So each arm
 passes a low-pass filter whose cutoff rises with the speed v of its wrist (after the 1 euro filter: Casiez, Roussel and
 Vogel 2012, whose cutoff is linear in the speed). While one talks, `LEAK` of the other wrist's speed does not count. A
@@ -14,18 +14,18 @@ how many arm lengths the hand is behind, u the speed of the hips in metres per s
 v = 0.2 beside a resting hand it follows with a time constant of 0.6 s, at 1 of 30 ms.
 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
-`CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
-forgotten within `FORGOTTEN_S`. A trunk is heavy, and people's hardly moves above 2 Hz: a low-pass filter of `TRUNK_HZ`
-comes first, or what is fast in the codes would be shown larger, as a shake. And no talker leans far to a side for
-seconds, as a generator may: the spine is shown with a roll of at most `MOST_ROLL` (softly). The trunk of one who
-travels passes as it is.
+`CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); the difference to the
+decoded spine fades within `FORGOTTEN_S`. A trunk is heavy, and people's hardly moves above 2 Hz, so a low-pass filter
+of `TRUNK_HZ` comes first: otherwise fast changes of the codes would be enlarged into a shake. No talker leans far to a
+side for seconds, as generated ones may, so the roll of the spine is bounded softly by `MOST_ROLL`. While the hips
+travel, the trunk passes as decoded.
 
-A speaker whose hand rests, or who is asked to gesture less, more, or with one hand, moves each arm `size` times as far
-from where it was on average within `PLACE_S`, and the trunk as the busier arm; strokes come when they came. And the
-generator holds a speaker's hands too far before the body. So the elbow is drawn back, the forearm folds and the arm
-turns aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All
-that ends as the hips travel. Its legs stand together, on which no weight can shift: each stands `PARTED` further out.
-Where legs dance, nothing of this holds. Not in the paper.
+Where a hand should rest, or gestures should be smaller or larger, each arm moves `size` times as far from its place,
+the mean within `PLACE_S`, and the trunk as the arm with the larger size; the timing of strokes stays. The generator
+also holds a speaker's hands too far from the body. So the elbow is drawn back, the forearm folds and the arm turns
+aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All this
+ends as the hips travel. Generated legs stand so close together that weight cannot shift between them: each is
+turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
 """
 
 import math
@@ -61,9 +61,9 @@ CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
 TRUNK_HZ = 2.0
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
-PARTED = 0.05  # radians by which each leg of a speaker stands further out
+PARTED = 0.05  # radians by which each leg of a speaker is turned outwards
 MOST_ROLL = 0.26  # radians of all joints together: the trunk as a whole leans by half of it
-# Sizes of the left and the right hand, and 1 if they talk: here those of actions and dances.
+# Sizes of the moves of left and right arm (1: as decoded), and 1 if the speaker talks: here of actions and dances.
 WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 BONES = (0, 1, 2, 3)  # of an arm by itself
@@ -78,13 +78,13 @@ class StillnessState(StreamState):
     arms: Float[Array, "b 2 2 4 4"]
     spine: Float[Array, "b 2 s 4"]
     wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
-    speeds: Float[Array, "b 3"]  # of the wrists and of the hips
-    hands: Float[Array, "b 3"]  # sizes of the left and the right, and whether they talk
+    speeds: Float[Array, "b 3"]  # of the wrists, arm lengths per second, and of the hips, metres per second
+    hands: Float[Array, "b 3"]  # as `WHOLE`
     has_shown: Bool[Array, " b"]
 
 
 class Stillness:
-    """Low-passes the joints of each arm; does nothing on a rig whose arms are not known."""
+    """Filters arms and spine, and moves the legs apart; does nothing on a rig whose arms are not known."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         names = [[f"{side}{bone}" for bone in ARM] for side in ("left", "right")]
@@ -108,7 +108,7 @@ class Stillness:
     def step(
         self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], hands: Float[Array, "b 3"] | None = None
     ) -> None:
-        """Filter the arms and the spine of active rows, in place; `hands` are as `WHOLE`."""
+        """Filter arms, spine and legs of active rows, in place; `hands` are as `WHOLE`, which is the default."""
         if self._has_arms:
             last = (state.arms, state.spine, state.wrists, state.speeds, state.hands, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
@@ -118,7 +118,7 @@ class Stillness:
 
 @kernel()
 def wrist(rotations, joints, offsets):  # type: ignore[no-untyped-def]
-    """Where a frame's wrist is, from the shoulder's joint and in the frame of its parent."""
+    """Position of a frame's wrist, metres, relative to the shoulder joint, in the axes of that joint's parent."""
     turn, place = IDENTITY, (0.0, 0.0, 0.0)
     for bone in range(len(offsets)):
         turn = multiply(turn, read_quaternion(rotations[joints[bone]]))
@@ -138,7 +138,7 @@ def between(a, b, share):  # type: ignore[no-untyped-def]
 
 @kernel()
 def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fps, speeds):  # type: ignore[no-untyped-def]
-    """Fill `speeds` (t, 3) of a row: each wrist's, the larger mean of the frames before and after, and the hips'."""
+    """Fill `speeds` (t, 5): per wrist the larger mean of frames before and after; the hips'; raw ones of the wrists."""
     average, travel = 1.0 - math.exp(-1.0 / (fps * AVERAGE_S)), 1.0 - math.exp(-1.0 / (fps * TRAVEL_S))
     for side in range(3):
         mean = last[side]
@@ -193,7 +193,7 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 @kernel()
 def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
-    """Draw the elbow of a frame back and turn the arm aside, the more, the further the wrist is before the shoulder."""
+    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front."""
     half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
     back, folds = normalized((1.0, half * DRAWN, 0.0, 0.0)), normalized((1.0, -half * FOLDED, 0.0, 0.0))
     upper, lower = read_quaternion(pose[joints[1]]), read_quaternion(pose[joints[2]])
@@ -234,7 +234,7 @@ def rest(  # type: ignore[no-untyped-def]
     reach,
     fps,
 ):
-    """Filter both arms and the spine of active rows, frame by frame."""
+    """Filter arms and spine and spread the legs of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
     settling, growing = 1.0 - math.exp(-1.0 / (fps * PLACE_S)), 1.0 - math.exp(-1.0 / (fps * SIZE_S))
     for row in range(len(rotations)):

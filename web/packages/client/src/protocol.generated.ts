@@ -32,7 +32,7 @@ export interface ActionMessage {
   type: "action";
   id: string;
   name: string;
-  /** 1: as in its clip */
+  /** size of its movements; 1: as in its clip */
   intensity?: number;
   hold?: number | null;
 }
@@ -55,7 +55,7 @@ export interface AudioMessage {
   type: "audio";
   /** number of an utterance, growing, counted per speaker */
   seg: number;
-  /** samples (per channel, own rate) of `seg` sent before these */
+  /** samples (per channel, source rate) of `seg` sent before these */
   start: number;
   pcm: Uint8Array;
   /** user: the avatar listens to it; it is not played */
@@ -84,7 +84,7 @@ export interface BodyOptions {
   handedness?: number | null;
   /** share of the time in which the eyes meet the viewer while the avatar speaks */
   eye_contact?: number;
-  /** how far the face shows what the voice feels, 0: not */
+  /** how far the face shows what the voice feels, 0: not at all */
   feeling?: number;
 }
 
@@ -104,7 +104,7 @@ export interface ErrorMessage {
   fatal: boolean;
   /** seconds; 0: trying again will not help */
   retry_after: number;
-  /** overloaded: in the queue of tickets, from 1 on; 0: none */
+  /** overloaded: place in the queue of tickets, from 1 on; 0: none */
   place: number;
 }
 
@@ -113,7 +113,7 @@ export interface FlushMessage {
   type: "flush";
   /** a sample index or a count of samples */
   at: number;
-  /** of all that follows; older is stale */
+  /** epoch of all that follows; messages of older epochs are stale */
   epoch: number;
   /** the utterance cut off; 0 is none */
   seg: number;
@@ -140,7 +140,7 @@ export interface HelloMessage {
   played?: number;
   /** resuming: the newest one received; a `flush` missed since is sent again */
   epoch?: number | null;
-  /** any text that no other client has; who says it again soon keeps a place in the queue */
+  /** any text that no other client has; repeating it soon keeps the place in the queue */
   ticket?: string;
   /** equal seed and sound give equal motion */
   seed?: number;
@@ -159,9 +159,9 @@ export interface InterruptMessage {
 
 /** Milliseconds from the arrival of a sample to the departure of its motion. */
 export interface Latency {
-  /** a whole chunk must be there */
+  /** waiting for a whole chunk */
   algorithm: number;
-  /** one step, measured */
+  /** one step, as measured */
   compute: number;
 }
 
@@ -174,7 +174,7 @@ export interface Limits {
   ahead_seconds: number;
   /** how long a session waits for its source to return */
   resume_seconds: number;
-  /** send something at least this often */
+  /** the client sends something at least this often */
   ping_seconds: number;
 }
 
@@ -231,14 +231,14 @@ export interface PingMessage {
   nonce?: number;
 }
 
-/** The playback position, five times a second. At most `limits.ahead_seconds` are sent beyond the source's. */
+/** The playback position, five times a second. Motion goes at most `limits.ahead_seconds` beyond the source's. */
 export interface PlayedMessage {
   type: "played";
   /** clock: first sample not yet heard */
   at: number;
-  /** that of the newest `flush` or `ready` processed */
+  /** epoch of the newest `flush` or `ready` processed */
   epoch?: number;
-  /** so far */
+  /** gaps in playback so far */
   underruns?: number;
 }
 
@@ -265,7 +265,7 @@ export interface ReadyMessage {
   epoch: number;
   /** resumed: newest utterance known */
   seg: number;
-  /** resumed: samples of `seg` received, own rate */
+  /** resumed: samples of `seg` received, source rate */
   received: number;
   sample_rate: number;
   frame_rate: number;
@@ -332,7 +332,7 @@ export interface StatsMessage {
   rtf: number;
   /** motion messages not sent because the connection was slow */
   dropped: number;
-  /** as the player reported */
+  /** gaps in playback, as `played` reported */
   underruns: number;
   sessions: number;
 }
