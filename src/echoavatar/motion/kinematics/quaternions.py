@@ -157,3 +157,13 @@ def from_two_rows(first, second):  # type: ignore[no-untyped-def]
     else:
         q = (b[0] - a[1], a[2] + c[0], b[2] + c[1], 1.0 + c[2] - a[0] - b[1])
     return normalized(q)
+
+
+@kernel()
+def between(a, b, share):  # type: ignore[no-untyped-def]
+    """The unit quaternion at this share of the way from a to b."""
+    side = -share if inner_product(a, b) < 0.0 else share
+    rest = 1.0 - share
+    return normalized(
+        (a[0] * rest + b[0] * side, a[1] * rest + b[1] * side, a[2] * rest + b[2] * side, a[3] * rest + b[3] * side)
+    )

@@ -103,7 +103,7 @@ class Post:
             self._smoother.step(pose, state.smoother, active)
         report("smoother")
         if "stillness" in self.stages:
-            self._stillness.step(pose, state.stillness, active, hands)
+            self._stillness.step(pose, state.stillness, active, hands, is_idle)
         report("stillness")
         self._idle_legs.stand(pose, is_idle)
         chains = self._chains.pose(pose.rotations)

@@ -40,8 +40,8 @@ from echoavatar.nn.kernels import kernel
 from ..kinematics import Skeleton
 from ..kinematics.quaternions import (
     IDENTITY,
+    between,
     conjugate,
-    inner_product,
     length,
     minus,
     multiply,
@@ -53,6 +53,7 @@ from ..kinematics.quaternions import (
     write_quaternion,
     write_vector,
 )
+from .carriage import HIPS, free_head, raise_shoulder, turn_hips
 from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
@@ -68,15 +69,17 @@ WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 BONES = (0, 1, 2, 3)  # of an arm by itself
 SPINE = ("spine", "chest", "upperChest")
+HEAD = ("neck", "head")
 LEG = ("UpperLeg", "LowerLeg", "Foot")
 
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, wrists, speeds, hands."""
+    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, head on average."""
 
     arms: Float[Array, "b 2 2 4 4"]
     spine: Float[Array, "b 2 s 4"]
+    head: Float[Array, "b 2 4"]
     wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
     speeds: Float[Array, "b 3"]  # of the wrists, arm lengths per second, and of the hips, metres per second
     hands: Float[Array, "b 3"]  # as `WHOLE`
@@ -95,25 +98,36 @@ class Stillness:
             self._legs = np.array(known if len(known) == len(legs) else [], np.int64).reshape(-1, len(LEG))
             self._joints = np.array([skeleton.indices(arm) for arm in names])
             self._spine = np.array(skeleton.indices([bone for bone in SPINE if bone in skeleton.names]), np.int64)
+            above = {skeleton.parents[joint] for joint in (*self._spine[:1], *self._legs[:, 0])}
+            self._hips = above.pop() if len(above) == 1 and len(self._spine) and len(self._legs) else -1
+            self._head = np.array(skeleton.indices([bone for bone in HEAD if bone in skeleton.names]), np.int64)
             self._offsets = np.asarray(skeleton.offsets, np.float64)[self._joints[:, 1:]]
             self._reach = np.linalg.norm(self._offsets[:, 1:], axis=-1).sum(1)
 
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
-        arms, spine, wrists, speeds = (
-            np.zeros((rows, *shape), np.float32) for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
+        arms, spine, head, wrists, speeds = (
+            np.zeros((rows, *shape), np.float32)
+            for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (len(HEAD), 4), (2, 3), (3,))
         )
-        return StillnessState(arms, spine, wrists, speeds, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
+        return StillnessState(arms, spine, head, wrists, speeds, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
 
     def step(
-        self, pose: Pose, state: StillnessState, active: Bool[Array, " b"], hands: Float[Array, "b 3"] | None = None
+        self,
+        pose: Pose,
+        state: StillnessState,
+        active: Bool[Array, " b"],
+        hands: Float[Array, "b 3"] | None = None,
+        stands: Bool[Array, " b"] | None = None,
     ) -> None:
-        """Filter arms, spine and legs of active rows, in place; `hands` are as `WHOLE`, which is the default."""
+        """Filter arms, spine and legs of active rows, in place; `hands` as `WHOLE`; hips rest in rows of `stands`."""
         if self._has_arms:
-            last = (state.arms, state.spine, state.wrists, state.speeds, state.hands, state.has_shown)
+            last = (state.arms, state.spine, state.head, state.wrists, state.speeds, state.hands, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
             hands = np.tile(WHOLE, (len(active), 1)) if hands is None else hands
-            rest(pose.rotations, pose.root, *last, hands, active, self._spine, self._legs, *arms, fps)
+            turns = np.full(len(active), self._hips >= 0) if stands is None or self._hips < 0 else ~stands
+            body = (self._hips, self._spine, self._head, self._legs)
+            rest(pose.rotations, pose.root, *last, hands, active, turns, *body, *arms, fps)
 
 
 @kernel()
@@ -124,16 +138,6 @@ def wrist(rotations, joints, offsets):  # type: ignore[no-untyped-def]
         turn = multiply(turn, read_quaternion(rotations[joints[bone]]))
         place = plus(place, rotate(turn, read_vector(offsets[bone])))
     return place
-
-
-@kernel()
-def between(a, b, share):  # type: ignore[no-untyped-def]
-    """The unit quaternion at this share of the way from a to b."""
-    side = -share if inner_product(a, b) < 0.0 else share
-    rest = 1.0 - share
-    return normalized(
-        (a[0] * rest + b[0] * side, a[1] * rest + b[1] * side, a[2] * rest + b[2] * side, a[3] * rest + b[3] * side)
-    )
 
 
 @kernel()
@@ -221,13 +225,17 @@ def rest(  # type: ignore[no-untyped-def]
     root,
     arms,
     trunk,
+    means,
     wrists,
     last,
     hands,
     has_shown,
     asked,
     active,
+    turns,
+    hips,
     spine,
+    head,
     legs,
     joints,
     offsets,
@@ -270,4 +278,9 @@ def rest(  # type: ignore[no-untyped-def]
                     write_quaternion(place[bone], mean)
                     write_quaternion(now[joint], q if size == 1.0 else between(mean, q, size))
                 withdraw(now, joints[side], offsets[side], free * hands[row, 2] / reach[side])
+                raise_shoulder(now, joints[side], offsets[side], free * hands[row, 2])
+            talks = free * hands[row, 2]
+            if turns[row]:
+                turn_hips(now, hips, spine, legs, talks * HIPS)
+            free_head(now, head, means[row], talks * min(larger, 1.0), fps, has_shown[row])
             has_shown[row] = True

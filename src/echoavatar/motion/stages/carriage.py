@@ -1,0 +1,74 @@
+"""A talker's whole body takes part: hips turn with the trunk, shoulders rise with arms, the head moves freely.
+
+Captured talkers turn hips and trunk together, raise a shoulder with its arm, and move the head. The generator turns the
+trunk over hips that stand, keeps both shoulders down, and holds the head still. So hips take `HIPS` of the spine's
+turn; thighs and chest keep their directions. A shoulder rises and comes forward with its arm (scapulohumeral rhythm),
+which keeps its direction. With u and f, how far the direction points up and to the front (-1 to 1):
+
+    rises by RISES tanh(u + HANGING), comes forward by FORWARD f    (radians)
+
+`RISES` and `FORWARD` are slopes of captured talkers and dancers. Neck and head turn `HEAD` times as far from where they
+were on average within `HEAD_S`; less for one who gestures less.
+
+`stillness` calls this for each frame, as far as one talks and does not travel. Not in the paper.
+"""
+
+import math
+
+from echoavatar.nn.kernels import kernel
+
+from ..kinematics.quaternions import (
+    IDENTITY,
+    between,
+    conjugate,
+    multiply,
+    normalized,
+    read_quaternion,
+    read_vector,
+    rotate,
+    write_quaternion,
+)
+
+HIPS = 0.4
+RISES, FORWARD = 0.45, 0.16
+HANGING = 0.93  # how far a hanging arm points down
+HEAD, HEAD_S = 1.6, 1.5
+
+
+@kernel()
+def turn_hips(pose, hips, spine, legs, share):  # type: ignore[no-untyped-def]
+    """Move a share of the spine's turn into the hips, from which the spine and both legs hang."""
+    turn = IDENTITY
+    for bone in range(len(spine)):
+        turn = multiply(turn, read_quaternion(pose[spine[bone]]))
+    turn = between(IDENTITY, turn, share)
+    back = conjugate(turn)
+    write_quaternion(pose[hips], multiply(read_quaternion(pose[hips]), turn))
+    write_quaternion(pose[spine[0]], multiply(back, read_quaternion(pose[spine[0]])))
+    for side in range(len(legs)):
+        write_quaternion(pose[legs[side, 0]], multiply(back, read_quaternion(pose[legs[side, 0]])))
+
+
+@kernel()
+def raise_shoulder(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
+    """Turn a shoulder after its arm, which keeps its direction."""
+    shoulder, arm = read_quaternion(pose[joints[0]]), read_quaternion(pose[joints[1]])
+    across, up, front = rotate(multiply(shoulder, arm), read_vector(offsets[1]))
+    length = math.sqrt(across * across + up * up + front * front)
+    side = 1.0 if offsets[0][0] > 0.0 else -1.0
+    rises = 0.5 * share * side * RISES * math.tanh(up / length + HANGING)
+    forward = -0.5 * share * side * FORWARD * front / length
+    turn = multiply(normalized((1.0, 0.0, forward, rises)), shoulder)
+    write_quaternion(pose[joints[1]], multiply(conjugate(turn), multiply(shoulder, arm)))
+    write_quaternion(pose[joints[0]], turn)
+
+
+@kernel()
+def free_head(pose, joints, means, share, fps, has_shown):  # type: ignore[no-untyped-def]
+    """Turn neck and head further from their `means`, which follow."""
+    follows = 1.0 - math.exp(-1.0 / (fps * HEAD_S)) if has_shown else 1.0
+    for bone in range(len(joints)):
+        now = read_quaternion(pose[joints[bone]])
+        mean = between(read_quaternion(means[bone]), now, follows)
+        write_quaternion(means[bone], mean)
+        write_quaternion(pose[joints[bone]], between(mean, now, 1.0 + share * (HEAD - 1.0)))
