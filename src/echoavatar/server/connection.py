@@ -184,7 +184,7 @@ class Connection:
                 raise ProtocolError("bad_order", "hello was said already")
 
     async def _hear(self, session: ServerSession, message: Audio) -> None:
-        """Take sound. That of the user is judged on the event loop, so others get a turn after each second."""
+        """Take sound. The user's is analysed on the event loop, so other connections get a turn after each second."""
         for part in split_audio(message, self._form) if message.speaker == "user" else (message,):
             session.hear(part)
             await anyio.lowlevel.checkpoint()
