@@ -115,10 +115,10 @@ def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) ->
 
 
 def _counts(text: str) -> tuple[int, ...]:
-    counts = tuple(int(part) for part in text.split(","))
-    if min(counts) < 1:
-        raise ValueError("the number of sessions must be at least 1")
-    return counts
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of sessions from 1 on, such as 1,2,4")
+    return tuple(map(int, parts))
 
 
 def _stream(args: argparse.Namespace) -> int:

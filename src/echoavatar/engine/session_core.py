@@ -180,6 +180,7 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(self._replan_ahead)
             self._actions.stop(self._barge_in.next_chunk)
+        self._host.wake()
 
     def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Change how the speaker gestures, from the next chunk on; see `MotionOptions`. None leaves it as it is.
@@ -205,6 +206,7 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(self._replan_ahead)
             self._music.stop()
+        self._host.wake()
 
     def close(self) -> None:
         """Free the seat, and the callback that may refer back to this session."""
@@ -368,8 +370,6 @@ class SessionCore:
             on_motion = self.on_motion
         if on_motion is not None:
             on_motion()
-
-    # ---- inside
 
     @contextmanager
     def _or_fail(self) -> Iterator[None]:
