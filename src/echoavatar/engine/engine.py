@@ -347,7 +347,7 @@ def load(
 ) -> Engine:
     """An engine for a bundle: the name of a shipped one, or a folder. For `device` and `precision` see `Pipeline`.
 
-    `without` names stages to leave out, see `Bundle.without`; `runtime` says what of ours runs, see `Runtime.chosen`.
+    `without` names stages to leave out, see `Bundle.without`; `runtime` says which additions run, see `Runtime.chosen`.
 
     Raises:
         CheckpointError: the bundle is missing or damaged.

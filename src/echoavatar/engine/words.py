@@ -56,7 +56,7 @@ def read_words(path: Path) -> list[Word]:
 
     In JSON, words or sentences are objects with `text` or `word`, and `start` and perhaps `end`, or `timestamp` with
     both; of several lists the longest counts, and of equals the last. The words of a sentence share its time by their
-    letters. An empty list is no word. Raises EchoAvatarError if the file cannot be read, or holds something else.
+    letters. An empty list has no words. Raises EchoAvatarError if the file cannot be read, or holds something else.
     """
     with readable(path):
         data = read_bytes(path, CONFIG_BYTES)

@@ -101,7 +101,7 @@ class Connection:
             self._left = left.code
         except OSError:
             self._left = 1006
-        except Exception:  # a fault of ours ends this connection, in words, and no other
+        except Exception:  # a fault of ours ends this connection only, with a message
             _LOG.exception("a connection failed")
             self._error = self._error or ProtocolError("internal", "the server made a mistake; connect again")
         if scope is not None:
@@ -214,7 +214,7 @@ class Connection:
     async def _write(self, message: ServerMessage) -> None:
         try:
             content = encode(message, self._encoding)
-        except (ValueError, TypeError):  # text that no message can carry: the rest still arrives
+        except (ValueError, TypeError):  # text that cannot be encoded; other messages still arrive
             _LOG.exception("a message of type %s cannot be sent and is left out", type(message).__name__)
             return
         self._manager.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()

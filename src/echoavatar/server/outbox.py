@@ -26,7 +26,7 @@ class Outbox:
         self._queue: deque[ServerMessage] = deque()
         self._filled = asyncio.Event()
         self._closed = False
-        self.is_hopeless = False  # the connection is too slow for the sound
+        self.is_hopeless = False  # whether the connection is too slow for the sound
         self.error: ProtocolError | None = None  # why it was closed
 
     @property

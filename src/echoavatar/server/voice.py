@@ -243,7 +243,7 @@ def find_voice() -> str:
 
 
 def language_of(text: str) -> str:
-    """The likely language of a text: by its letters, or by common words; without either it is English."""
+    """The likely language of a text, by letters or common words: "en" if neither tells, empty for other letters."""
     scripts = [unicodedata.name(letter, "").partition(" ")[0] for letter in text if letter.isalpha()]
     script = max(set(scripts), key=scripts.count, default="LATIN")
     if script != "LATIN":

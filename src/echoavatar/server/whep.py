@@ -210,7 +210,7 @@ class Viewer:
             self._patience.cancel()
         try:
             await self._peer.close()
-        except Exception as error:  # aiortc's ends of what a broken offer began fail in many ways
+        except Exception as error:  # after a broken offer aiortc fails in many ways to close
             _LOG.info("a peer connection did not end well: %r", error)
         finally:
             await self.stream.close()

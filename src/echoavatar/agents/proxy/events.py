@@ -70,7 +70,7 @@ def read(message: str | bytes) -> Event | None:
             return None
         with suppress(msgspec.DecodeError):
             return _DECODER.decode(raw)
-        plain = from_json(raw.removeprefix(codecs.BOM_UTF8))  # Python's servers write NaN, others a mark first
+        plain = from_json(raw.removeprefix(codecs.BOM_UTF8))  # some servers write NaN or a byte order mark
         return msgspec.convert(plain, Event, strict=False)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None

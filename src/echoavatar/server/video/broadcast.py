@@ -67,7 +67,8 @@ class Broadcast:
     def __init__(self, to: str, size: Sequence[int], rate: int) -> None:
         """Raises EchoAvatarError for an address of another kind, or one that cannot be opened."""
         self.name = redacted(to)
-        kind, place = (_Distant, to) if "://" in to else (Encoder, f"file:{to}")  # 10:30.mp4 is no protocol 10
+        # With "file:", FFmpeg does not take the 10: of 10:30.mp4 for a protocol.
+        kind, place = (_Distant, to) if "://" in to else (Encoder, f"file:{to}")
         with self._naming_itself():
             self._encoder = kind(place, container_of(to), size, rate, SOUND_RATE_HZ)
 
