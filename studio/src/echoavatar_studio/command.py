@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--store", metavar="URL", help="sqlite:///FILE or postgresql://USER@HOST/NAME (default: a file in the folder)"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8768, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8768, help="port; 0: any free one (default: %(default)s)")
     parser.add_argument(
         "--origin", action="append", default=[], metavar="URL", help="address under which a proxy shows the pages"
     )
