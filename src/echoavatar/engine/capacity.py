@@ -15,7 +15,7 @@ class Capacity:
 
     def __init__(self, workers: int, chunk_seconds: float) -> None:
         self._supply = FULL * workers * chunk_seconds  # seconds of work available in the time of a chunk
-        self._costs: deque[float] = deque(maxlen=RECENT)  # of a chunk, in seconds of work
+        self._costs: deque[float] = deque(maxlen=RECENT)  # of chunks, in seconds of work
 
     def note(self, seconds: float, chunks: int) -> None:
         """Note that a worker made so many chunks in so many seconds, as one batch."""

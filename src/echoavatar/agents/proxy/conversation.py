@@ -29,7 +29,7 @@ from .speech_items import STALL_S, SpeechItem, SpeechItems
 _LOG = logging.getLogger(__name__)
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 VOID_S = 2.0  # sound that comes so soon after its response was cut off was on its way, and is not shown
-TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
+TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # only a truncation earlier than the estimate by this much counts
 _OVER = ("response.done", "response.cancelled")
 _NOTHING: tuple[str | None, float] = None, -inf
 BLOCK_BYTES = 48_000  # of sound decoded at once: an event may bring minutes, and other conversations go on meanwhile

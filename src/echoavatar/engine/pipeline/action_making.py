@@ -26,7 +26,7 @@ from echoavatar.motion.kinematics.rotations import (
 )
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 
-LEAD_FRAMES = 32  # of the first pose go before the clip, so that the tokenizer has settled
+LEAD_FRAMES = 32  # frames of the first pose before the clip, so that the tokenizer has settled
 SHORTEST_S, LONGEST_S = 0.5, 20.0
 TORSO = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
 EDGE = 6  # frames in which an overlay comes and goes

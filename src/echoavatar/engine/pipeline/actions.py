@@ -25,7 +25,7 @@ from echoavatar.whole_file import write_whole
 
 FILE = "actions.json"
 VERSION = 2  # 1 counted `hold` in chunks of two motion tokens
-REACH_S = 0.27  # the set holds the codes so far before and after the current place
+REACH_S = 0.27  # the set holds the codes up to so far before and after the current place
 LONGEST_S = 60.0
 NAME = re.compile("[a-z0-9_]{1,64}")  # language models are offered the name; pages and terminals show it
 ABOUT = 200  # most letters of a description

@@ -36,7 +36,7 @@ class Rows:
         self._views = [self.state.rows(slice(row, row + 1)) for row in range(len(self._words))]
 
     def of(self, rows: list[int]) -> Any:
-        """The state of some rows: views of a single row, which a step changes itself, or copies of several."""
+        """The state of some rows: views of a single row, so that a step changes it, or copies of several."""
         return self._views[rows[0]] if len(rows) == 1 else self.state.rows(rows)
 
     def put(self, rows: list[int], state: StreamState) -> None:
