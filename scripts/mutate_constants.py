@@ -66,7 +66,7 @@ CONSTANTS = {  # by file of the package
     "models/face/idle": "_BLINK_EVERY _BLINKS:share _DOUBLES:share _GAZE_EVERY _GAZE_HOME:share _GAZE_YAW _GAZE_PITCH"
     " _GAZE_FRAMES _RISE:share _FALL:share _FAST:share _SLOW:share _FAINTEST_DB",
     "server/session": "KEPT_S",
-    "server/outbox": "MOST_MOTION MOST_SOUND MOST_OTHER",
+    "server/outbox": "MOST_MOTION_S MOST_SOUND_S MOST_OTHER",
     "server/settings": "ServerSettings.ahead_seconds ServerSettings.inbox_seconds ServerSettings.resume_seconds"
     " | server/test_session server/test_session_manager",
     "server/sinks/player": "CORRECTION_S JUMP_S LEAD_S",

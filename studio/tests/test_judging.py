@@ -88,11 +88,11 @@ def test_another_device_goes_on_where_the_first_was(maker: Maker, library):
         ({"plays": [1]}, "plays has 1 numbers"),
         ({"plays": [0, 1]}, "every clip must be played"),
         ({"ratings": {"human_likeness": 1}}, "ratings must answer"),
-        ({"ratings": {"human_likeness": 3, "beat_matching": 0, "overall_preference": 0}}, "no such message"),
-        ({"ratings": {"human_likeness": 1.5, "beat_matching": 0, "overall_preference": 0}}, "no such message"),
-        ({"seconds": -1}, "no such message"),
-        ({"seconds": "NaN"}, "no such message"),
-        ({"extra": 1}, "no such message"),
+        ({"ratings": {"human_likeness": 3, "beat_matching": 0, "overall_preference": 0}}, "the body is not valid"),
+        ({"ratings": {"human_likeness": 1.5, "beat_matching": 0, "overall_preference": 0}}, "the body is not valid"),
+        ({"seconds": -1}, "the body is not valid"),
+        ({"seconds": "NaN"}, "the body is not valid"),
+        ({"extra": 1}, "the body is not valid"),
     ],
 )
 def test_answers_that_do_not_fit_are_refused(maker: Maker, library, changes, message):

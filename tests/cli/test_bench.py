@@ -30,3 +30,10 @@ def test_a_stage_left_out_is_not_run(
     assert set(ran) == {"hands"}
     assert main([*common, "--without", "toes"]) == 1
     assert "no stage 'toes'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("counts", ["0,2", "2,many"])
+def test_impossible_numbers_of_sessions_are_refused_in_words(counts: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["bench", "sessions", "--counts", counts])
+    assert "give numbers of sessions from 1 on" in capsys.readouterr().err

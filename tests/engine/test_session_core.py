@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from tests.engine.fakes import engine
@@ -59,6 +61,16 @@ def test_an_action_begins_soon_although_motion_was_made_ahead() -> None:
     assert session.made == 12_800
     assert session.act("wave").at == 12_800
     assert session.epoch == 0
+
+
+@pytest.mark.parametrize("stop", [SessionCore.stop_acting, SessionCore.stop_music])
+def test_the_engine_hears_at_once_of_a_stop_that_takes_motion_back(stop: Callable[[SessionCore], None]) -> None:
+    """Else its threads sleep for up to a second, longer than the motion that is left lasts."""
+    session = speaking(2.0)
+    before = session._host.wakes
+    stop(session)
+    assert session.is_ready
+    assert session._host.wakes > before
 
 
 def test_a_session_can_go_back_four_seconds() -> None:

@@ -1,13 +1,14 @@
 import asyncio
 
+import pytest
+
 from echoavatar.server.outbox import Outbox, Relay
-from echoavatar.timing import CHUNK_SECONDS
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import Error, Flush, Motion, Pong, Sound
 
 
-def motion(at: int) -> Motion:
-    return Motion(at=at, epoch=0, frames=8, rotations=b"", root=b"", face=b"", state="idle")
+def motion(at: int, frames: int = 8) -> Motion:
+    return Motion(at=at, epoch=0, frames=frames, rotations=b"", root=b"", face=b"", state="idle")
 
 
 def sound(at: int) -> Sound:
@@ -25,27 +26,33 @@ def drain(box: Outbox) -> list[object]:
     return asyncio.run(run())
 
 
-def test_a_slow_connection_loses_the_oldest_motion_and_no_sound() -> None:
-    box = Outbox()
-    for at in range(40):
-        box.put(motion(at))
+CHUNKS = pytest.mark.parametrize("frames", [4, 8])  # of the default bundle, of the paper
+
+
+@CHUNKS
+def test_a_slow_connection_loses_motion_older_than_four_seconds_and_no_sound(frames: int) -> None:
+    box, size = Outbox(), frames * 800
+    clock = range(0, 240_000, size)  # ten seconds
+    for at in clock:
+        box.put(motion(at, frames))
         box.put(sound(at))
-    assert box.dropped == 40 - 16  # four seconds of motion are kept
     left = drain(box)
-    assert [m.at for m in left if isinstance(m, Motion)] == list(range(24, 40))
-    assert [s.at for s in left if isinstance(s, Sound)] == list(range(40))
+    assert [m.at for m in left if isinstance(m, Motion)] == [at for at in clock if at >= clock[-1] - 96_000]
+    assert box.dropped == len(clock) - 96_000 // size - 1
+    assert [s.at for s in left if isinstance(s, Sound)] == list(clock)
 
 
-def test_a_connection_that_cannot_carry_the_sound_is_given_up() -> None:
+@CHUNKS
+def test_a_connection_that_cannot_carry_the_sound_is_given_up(frames: int) -> None:
     """Thirty seconds of sound may wait, a minute may not."""
-    box = Outbox()
-    for at in range(round(30 / CHUNK_SECONDS)):
+    box, size = Outbox(), frames * 800
+    for at in range(0, 30 * 24_000, size):
         box.put(sound(at))
     assert not box.is_hopeless
-    for at in range(round(30 / CHUNK_SECONDS)):
+    for at in range(30 * 24_000, 60 * 24_000, size):
         box.put(sound(at))
     assert box.is_hopeless
-    assert len(box) < 45 / CHUNK_SECONDS
+    assert len(box) < 45 * 24_000 / size
 
 
 def test_a_client_that_reads_no_answers_is_given_up() -> None:

@@ -1,4 +1,4 @@
-"""An avatar behind somebody's agent: clients of a server, the Realtime proxy, framework bridges, MCP tools.
+"""An avatar behind a voice agent: clients of a server, the Realtime proxy, framework bridges, MCP tools.
 
 May import `server` and below.
 """

@@ -1,9 +1,9 @@
-"""Timed text of voices, in pieces of any size such as letters, becomes the words that an avatar is told."""
+"""Joins timed text of a voice, in pieces of any size such as letters, into words with times for an avatar."""
 
 from math import nan
 
-LETTERS, LATEST_S, WORDS = 100, 86_400.0, 2_000  # of a word, and in a message, by the protocol
-BACK_S = 0.1  # pieces of one voice may overlap by this much; what lies further back has another origin
+LETTERS, LATEST_S, WORDS = 100, 86_400.0, 2_000  # limits of the protocol: of a word, of its time, in a message
+BACK_S = 0.1  # pieces of one voice may overlap by this much; a piece further back is left out
 
 Word = tuple[str, float] | tuple[str, float, float]  # text, start and perhaps end in seconds
 
@@ -17,9 +17,9 @@ class TimedText:
         self._latest = 0.0  # start of the newest word
 
     def add(self, text: str, start: float, end: float = nan) -> None:
-        """Add a piece; NaN is a time that is not known.
+        """Add a piece, with times in seconds; NaN is an unknown time.
 
-        The words of a piece share its time by their letters. Without its end, only its first word has a time.
+        The words of a piece share its time by their letters. Without an end, only its first word has a time.
         """
         words, at = text.split(), start
         if text[:1].isspace():
@@ -37,7 +37,7 @@ class TimedText:
             self.close()
 
     def close(self) -> None:
-        """End the word that is open. A word without a time, or with a wrong one, is left out."""
+        """End the open word. A word without a time, or with an impossible one, is left out."""
         text, start, end = self._word, max(self._start, self._latest), self._end
         is_timed = self._latest - BACK_S <= self._start <= LATEST_S
         if is_timed and 0 < len(text) <= LETTERS and len(self._ready) < WORDS:
@@ -46,6 +46,6 @@ class TimedText:
         self._word = ""
 
     def take(self) -> list[Word]:
-        """The words that are complete, each once."""
+        """The words completed since the last call."""
         words, self._ready = self._ready, []
         return words

@@ -10,7 +10,7 @@ from jaxtyping import Int16
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-Pcm = Int16[np.ndarray, " _s"]  # blocks of any length, also beside each other
+Pcm = Int16[np.ndarray, " _s"]  # mono; lengths of several blocks may differ
 Format = tuple[str, int]  # encoding and rate; an encoding that is none of `READABLE` keeps its own name
 READABLE = ("pcm", "ulaw", "alaw")
 _NAMES = {  # parts of the names that vendors use
@@ -19,14 +19,14 @@ _NAMES = {  # parts of the names that vendors use
     "": ("f32", "float", "s24", "s32"),
     "pcm": ("pcm", "l16", "linear16", "s16", "raw"),
 }
-_FILES = (b"RIFF", b"OggS", b"ID3", b"fLaC", b"\x1aE\xdf\xa3")  # how files begin that hold sound in other encodings
+_FILES = (b"RIFF", b"OggS", b"ID3", b"fLaC", b"\x1aE\xdf\xa3")  # first bytes of sound files
 
 
 def named_format(name: str, rate: object = None) -> Format:
     """The format of a name such as `pcm16`, `pcm16_8000hz`, `audio/pcmu`, `ulaw_8000` or `raw-16khz-16bit-mono-pcm`.
 
-    `rate` counts before one in the name. Without any, telephone codes have 8,000 and PCM has 24,000. Several channels
-    are not readable.
+    `rate` wins over one in the name. Without any, telephone codes have 8,000 Hz and PCM has 24,000 Hz. Names with
+    several channels are not readable.
     """
     low = name.lower()
     kind = next((kind for kind, parts in _NAMES.items() if any(part in low for part in parts)), "") or low
@@ -45,12 +45,12 @@ def named_format(name: str, rate: object = None) -> Format:
 
 
 def is_file(data: bytes) -> bool:
-    """Whether sound begins as a file of another format does."""
+    """Whether the bytes begin like a sound file, not like samples."""
     return data.startswith(_FILES)
 
 
 class Decoder:
-    """Decodes one stream of one format; channels beside each other, of PCM, become one."""
+    """Decodes one stream of one format to 24 kHz mono; interleaved channels of PCM are averaged."""
 
     def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ, channels: int = 1) -> None:
         self._kind, self._channels = kind, channels

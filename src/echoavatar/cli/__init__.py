@@ -2,7 +2,7 @@
 
 Each command is one module with `add_arguments(parser)` and `run(args) -> int`, and `EXAMPLES` below its help. Those in
 `SEPARATE` come with distributions of their own, which name the module in an entry point of `echoavatar.commands`. Exit
-codes: 0 done, 1 an error the user can put right (one line), 2 wrong usage.
+codes: 0 done, 1 an error the user can mend (one line), 2 wrong usage, 130 interrupted, 141 the reader is gone.
 """
 
 import argparse
@@ -89,9 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout = Printable(sys.stdout)
-        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look through all that is installed
-        atexit.register(gc.freeze)  # or Python looks through all objects of the libraries at its end
-        gc.set_threshold(200_000, 20, 20)  # no collections while they are made
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search of all installed packages
+        atexit.register(gc.freeze)  # else Python's end looks through all objects of the libraries
+        gc.set_threshold(200_000, 20, 20)  # no collections while the libraries load
     asked = next((word for word in words if not word.startswith("-")), "")
     try:
         os.getcwd()
@@ -122,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EchoAvatarError as error:
         print(f"echoavatar: {one_line(error)}", file=sys.stderr)
         code = 1
-    except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
+    except OSError as error:  # a full disk, an impossible name, no permission: wherever it happens
         _LOG.debug("where it happened", exc_info=True)
         remedy = "; check its name, space and permissions" if error.filename else ""
         if "temporary directory" in str(error):  # Python names the folders that it tried
@@ -142,7 +142,7 @@ _COMMANDS_A_TERMINAL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u20
 
 
 def _end_output() -> None:
-    """Write what is left of standard output; where that cannot be, drop it, or Python complains at its end."""
+    """Flush standard output. If that fails, drop the rest, or Python would complain at its end."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -150,7 +150,7 @@ def _end_output() -> None:
 
 
 def printable(text: str) -> str:
-    """Text of any lines for a terminal, in which control characters are shown as escapes that JSON reads too."""
+    """Text for a terminal, with control characters as escapes that JSON reads too; line ends stay."""
     return _COMMANDS_A_TERMINAL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = kinds.add_parser("add", help="make an action from a clip of 0.5 to 20 s on any humanoid rig")
     add.add_argument("name", help="letters, digits, underscores; replaces an action of the same name")
     add.add_argument("clip", type=Path, help="BVH or GLB; begins and ends standing at ease")
-    add.add_argument("--animation", metavar="NAME", help="which one of a GLB (default: the first)")
+    add.add_argument("--animation", metavar="NAME", help="which animation of a GLB (default: the first)")
     add.add_argument(
         "--hold",
         type=float,
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List or change a library; what cannot be changed is not copied."""
+    """List or change a library. A shipped bundle is copied only once the change is known to succeed."""
     if args.kind == "list":
         return _list(args.model)
     with _readable(args.model) as folder:
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _readable(model: str) -> AbstractContextManager[Path]:
-    """The folder to read: the one that may be changed, or the shipped one where there is none yet."""
+    """The folder to read: the one that may be changed, or the shipped one if there is no copy yet."""
     from echoavatar.engine.pipeline import shipped
 
     if model not in shipped():

@@ -55,10 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
     add_manner(parser)
     parser.add_argument("--words", type=local_path, metavar="FILE", help=WORDS_HELP)
-    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="of the film (default: %(default)s)")
+    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="what the film shows (default: %(default)s)")
     parser.add_argument(
         "--size", type=size, metavar="SIZE",
-        help="of the film: wide (1280x720, default), portrait, square (default of bust and face), or pixels: 1920x1080",
+        help="film size: wide (1280x720, default), portrait, square (default of bust and face), or pixels: 1920x1080",
     )  # fmt: skip
     add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _character(args: argparse.Namespace, places: list[Path], rig: "Rig | None") -> "Character | None":
-    """Who is filmed, if anybody; find what a film cannot be before the motion is made."""
+    """The character to film, if any; refuse impossible films before the motion is made."""
     from echoavatar.files.exports.formats import FILMS
 
     if args.alpha and any(output.suffix.lower() != ".webm" for output in places):
@@ -159,7 +159,7 @@ def _character(args: argparse.Namespace, places: list[Path], rig: "Rig | None") 
 
 @contextmanager
 def _readable(sound: Path) -> Iterator[Path]:
-    """The file itself; standard input is kept in a file first, because most formats are read back and forth."""
+    """The file itself. Standard input is copied to a file, because readers of most formats seek."""
     if sound != STDIN:
         yield sound
         return

@@ -1,6 +1,6 @@
-"""Several files of one command: where each output goes, and what came of each.
+"""Several files of one command: where each output goes, and the result of each.
 
-One bad file of ten does not stop the others. The fault is told at once and in a table at the end; the exit code is 1.
+A bad file does not stop the others. Its error is printed at once and in a table at the end; the exit code is 1.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def add_outputs(parser: argparse.ArgumentParser, several: str) -> None:
         type=lambda text: f".{text.removeprefix('.')}",
         default=".glb",
         metavar="SUFFIX",
-        help="of the files in a folder (default: %(default)s)",
+        help="suffix of the files in a folder (default: %(default)s)",
     )
 
 
@@ -42,12 +42,12 @@ def outputs(
         inputs: the files; `STDIN` may be one of them.
         output: as the user gave it.
         suffix: of the files in a folder.
-        known: suffixes that are files' and no folders'.
+        known: suffixes of files; a folder with another one is taken for a folder.
         kind: what the inputs are, for messages: "sound".
-        others: what else is read, by its kind.
+        others: other files that are read, by their kinds.
 
     Raises:
-        EchoAvatarError: two would go into one file, or something that is read would be written over.
+        EchoAvatarError: inputs and output do not go together, or a file that is read would be written over.
     """
     if inputs.count(STDIN) > 1:
         raise EchoAvatarError("standard input (-) can be read once; name it once")
@@ -72,24 +72,24 @@ def outputs(
 
 
 def check_apart(output: Path | None, **read: Path | None) -> None:
-    """Refuse to write over a file that is read; `read` has the files by their kinds, for the message."""
-    for kind, path in read.items():  # links may go round in a circle
+    """Raise EchoAvatarError if `output` is one of the files that are `read`, given by their kinds."""
+    for kind, path in read.items():  # `resolve` fails on circular links
         if output is not None and path is not None and os.path.realpath(output) == os.path.realpath(path):
             raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
 
 
 class Batch:
-    """What came of each of several files."""
+    """The results of several files."""
 
     def __init__(self, count: int) -> None:
-        """Of a single file, errors pass as they are."""
+        """`count` files will come; if it is 1, `each` raises its error."""
         self._is_single = count == 1
         self._rows: list[tuple[str, str, str]] = []
         self.made, self._failed = 0, 0
 
     @contextmanager
     def each(self, name: object, became: object = "made") -> Iterator[None]:
-        """A context in which one file is made; an error that the user can put right ends it and not the batch."""
+        """A context in which one file is made; an error that the user can mend does not end the batch."""
         try:
             yield
             self.made += 1

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 DEVELOPERS = {
     "neighbours": "how late an honest speaker is beside clients that misbehave",
     "post": "smoothing, root, feet and hands",
-    "soak": "does a server stay whole and flat under load and faults",
+    "soak": "does a server survive load and faults without growing in memory",
     "train": "training steps against the machine's matrix rate",
 }  # with echoavatar-lab
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stream = kinds.add_parser(
         "stream",
         help="one session, stage by stage",
-        description="Time every stage of the streaming pipeline, chunk by chunk (a chunk is 266.7 ms of audio).",
+        description="Time every stage of the streaming pipeline, chunk by chunk (default bundle: 133 ms of audio).",
         epilog="example: echoavatar bench stream --seconds 3600   (a simulated hour: does memory stay constant?)",
     )
     _models(stream)
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
-        description="Let 1, 2, 4 ... sessions come; time from audio to motion of those that the machine has room for.",
+        description="Open 1, 2, 4 ... sessions; time audio to motion in those that the machine has room for.",
     )
     many.epilog = "example: echoavatar bench sessions --size paper --device cuda --counts 16,32,64"
     _models(many)
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Time fresh processes until an avatar answers: imports, loading, warm-up, five seconds of sound.",
     )
     add_model(start)
-    start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
+    start.add_argument("--runs", type=int, default=4, help="processes to time, one by one (default: %(default)s)")
     for kind, summary in DEVELOPERS.items():
         child = kinds.add_parser(kind, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
         with suppress(DependencyError):
@@ -94,8 +94,8 @@ def _models(parser: argparse.ArgumentParser) -> None:
         "--sequence",
         choices=("prefix", "interleaved", "depth"),
         default="prefix",
-        help="order of that generator; prefix: the paper's own, which prefills its window at every step; interleaved: "
-        "only what is new; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
+        help="token order of this generator; prefix: the paper's, prefills its window at every step; interleaved: "
+        "only new tokens; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
     parser.add_argument("--threads", type=int, help="threads that compute (default: as many as processors)")
 
@@ -115,10 +115,10 @@ def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) ->
 
 
 def _counts(text: str) -> tuple[int, ...]:
-    counts = tuple(int(part) for part in text.split(","))
-    if min(counts) < 1:
-        raise ValueError("the number of sessions must be at least 1")
-    return counts
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of sessions from 1 on, such as 1,2,4")
+    return tuple(map(int, parts))
 
 
 def _stream(args: argparse.Namespace) -> int:

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_server(parser)
     parser.add_argument("--session", default="", metavar="NAME", help="the session to show (default: the newest)")
     parser.add_argument("--to", metavar="WHERE", help="rtmp://HOST/APP/KEY, or a file: .flv, .mp4, .mkv, .ts")
-    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
+    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="what the picture shows (default: %(default)s)")
     parser.add_argument("--size", type=size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
     add_picture(parser)
     parser.add_argument("--seconds", type=float, metavar="N", help="stop after so long (default: Ctrl-C)")
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     width, height = args.size
     if not (64 <= width <= 3840 and 64 <= height <= 2160):
         raise EchoAvatarError(f"--size {width}x{height} is not between 64x64 and 3840x2160")
-    RENDERERS[args.renderer](8, 8, background=args.background)  # finds what is missing at once
+    RENDERERS[args.renderer](8, 8, background=args.background)  # fails now if something is missing
     if args.to:
         container_of(args.to)
     output: Broadcast | VirtualCamera = (
@@ -72,7 +72,7 @@ class _Show:
 
     def __init__(self, args: argparse.Namespace, output: "Broadcast | VirtualCamera") -> None:
         self._args, self._output = args, output
-        self._lock = asyncio.Lock()  # an output is not made for two threads
+        self._lock = asyncio.Lock()  # an output is not thread-safe
         self._source: VideoSource | None = None
         self._playhead: Playhead
         self._stream: LiveStream
@@ -93,7 +93,7 @@ class _Show:
             for task in done:
                 task.result()
         finally:
-            self._output.stop()  # or a call that hangs in its thread holds the end up
+            self._output.stop()  # otherwise a call that hangs in its thread delays the end
             for task in work:
                 task.cancel()
             await asyncio.gather(*work, return_exceptions=True)

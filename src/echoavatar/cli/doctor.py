@@ -1,4 +1,4 @@
-"""`echoavatar doctor`: tells what works on this machine, and how to repair the rest.
+"""`echoavatar doctor`: says what works on this machine, and how to repair the rest.
 
 It reports only what it tried: it imports every module, and makes and writes one second of motion.
 """
@@ -49,7 +49,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """There are none."""
+    """This command has no arguments."""
 
 
 def run(args: argparse.Namespace) -> int:

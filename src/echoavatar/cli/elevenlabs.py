@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output-format",
         default="pcm_16000",
         metavar="FORMAT",
-        help="pcm_ and a sample rate, which the audio interface must be given too (default: %(default)s)",
+        help="sound of the agent: pcm_ and a sample rate, which its audio interface needs too (default: %(default)s)",
     )
     where = setup.add_mutually_exclusive_group()
     where.add_argument("--model", default="default", help="bundle whose actions are offered (default: %(default)s)")

@@ -23,7 +23,7 @@ for the rig; without --rig, for the recording.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz, .bvh or .glb")
-    parser.add_argument("--animation", metavar="NAME", help="which one of a .glb (default: the first)")
+    parser.add_argument("--animation", metavar="NAME", help="which animation of a .glb (default: the first)")
     add_outputs(parser, "recordings")
     parser.add_argument("--rig", type=local_path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)

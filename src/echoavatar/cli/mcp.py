@@ -20,12 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--session", default="", metavar="NAME", help="the session to act on, by its public name (default: the newest)"
     )
     parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
-    parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8767, help="with --http; 0: any free one (default: %(default)s)")
+    parser.add_argument("--host", default="127.0.0.1", help="with --http, address to listen on (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8767, help="with --http, port; 0: any free (default: %(default)s)")
     parser.add_argument(
         "--agent-token",
         metavar="TOKEN",
-        help="with --http, what agents must send; default: $ECHOAVATAR_AGENT_TOKEN, else none on this machine, a "
+        help="with --http, token that agents must send; default: $ECHOAVATAR_AGENT_TOKEN, else none on this machine, a "
         "random one on a network",
     )
     add_repeated(parser, "--origin", "URL", "with --http, let pages of this host connect")

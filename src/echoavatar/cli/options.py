@@ -16,13 +16,13 @@ RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
 RUNTIME_HELP = (
     "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
-    " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
+    " settings), bare (no cylinder, 30 fps), or additions to keep on top of paper, such as ground,feet"
 )
 WITHOUT_HELP = "leave out a stage: face, smoother, stillness, ground, leash, feet or hands; may be repeated"
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
 RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb, .gltf or .bvh"
 MAP_HELP = (
-    "JSON that says which joint is which bone, where that is not found; `echoavatar rig RIG --template` begins it"
+    "JSON that names the joints of bones that are not found; `echoavatar rig RIG --template` writes one to complete"
 )
 
 
@@ -78,10 +78,10 @@ def add_picture(parser: argparse.ArgumentParser) -> None:
 def add_manner(parser: argparse.ArgumentParser) -> None:
     """Declare `--liveliness`, `--handedness`, `--eye-contact` and `--feeling`."""
     parser.add_argument(
-        "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: as the seed)"
+        "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: by the seed)"
     )
     parser.add_argument(
-        "--handedness", type=_share, metavar="0..1", help="hand that gestures more, 0: left, 1: right (as the seed)"
+        "--handedness", type=_share, metavar="0..1", help="leading hand, 0: left, 1: right (default: by the seed)"
     )
     parser.add_argument(
         "--eye-contact",
@@ -91,7 +91,7 @@ def add_manner(parser: argparse.ArgumentParser) -> None:
         help="how long a speaker's eyes meet the viewer (default: 0.5 of the time; more while listening)",
     )
     parser.add_argument(
-        "--feeling", type=_share, default=0.8, metavar="0..1", help="how far the face shows what the voice feels (0.8)"
+        "--feeling", type=_share, default=0.8, metavar="0..1", help="the voice's feeling on the face (default: 0.8)"
     )
 
 
@@ -103,7 +103,7 @@ def _share(text: str) -> float:
 
 
 def local_path(text: str) -> Path:
-    """A path; addresses are refused in plain words."""
+    """A path; raises ArgumentTypeError for an address such as https://...."""
     if "://" in text:
         raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
     return Path(text)
@@ -134,7 +134,7 @@ def size(text: str) -> tuple[int, int]:
 
 @contextmanager
 def progress(*, is_hidden: bool = False, **look: Any) -> Iterator[Callable[..., None]]:
-    """A bar on standard error if that is a terminal; yields what moves it: `done`, and the total where known."""
+    """A bar on standard error if that is a terminal; yields a function of the amount done and, if known, the total."""
     from tqdm import tqdm
 
     with tqdm(disable=is_hidden or None, **look) as bar:

@@ -17,7 +17,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz, .bvh or .glb (.vrm, .vrma)")
+    parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz, .bvh, .glb, .vrm or .vrma")
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=f"{SINK_HELP}; repeat for more")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")

@@ -33,14 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
     parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"token of that server; default ${TOKEN}")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8766, help="port; 0: any free one (default: %(default)s)")
     parser.add_argument(
         "--tools", action="store_true", help="offer gestures and music to the model, and carry out its calls"
     )
-    parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
+    parser.add_argument("--no-idle", action="store_true", help="send motion during speech only")
     add_repeated(parser, "--origin", "URL", "let pages of this host connect")
     add_model(parser, "bundle for the server that it starts")
-    parser.add_argument("--seats", type=int, default=3, help="conversations that get an avatar (default: %(default)s)")
+    parser.add_argument("--seats", type=int, default=3, help="most conversations with an avatar (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`echoavatar rig`: measure a character's body on its own mesh, or say which of its joints is which bone."""
+"""`echoavatar rig`: measure a character's body on its own mesh, or write a map of its bones to complete."""
 
 import argparse
 import json

@@ -14,14 +14,14 @@ from .batch import check_apart
 from .options import add_manner, add_repeated, add_server, local_path, progress, seed
 from .play import SINK_HELP
 
-PATIENCE_S = 60.0  # for the next second of motion
-SPARE_S = 60.0  # of motion beyond the sound
-BYTES_A_SECOND = 200_000  # of motion and sound, as they are kept; honest servers send half
-LEAST_BYTES = 1_000  # that a message takes, and each frame in it
+PATIENCE_S = 60.0  # time for the next second of motion
+SPARE_S = 60.0  # most motion beyond the end of the sound
+BYTES_A_SECOND = 200_000  # most motion and sound in memory; honest servers send half
+LEAST_BYTES = 1_000  # counted for each message, and for each frame in it
 EXAMPLES = """examples:
   echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz
   echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback
-The last line is JSON: seconds of motion, of work and until the first motion, and bytes."""
+The last line is JSON: seconds of motion, of work and until the first motion, and bytes of motion."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=0, help="seed of the motion (default: %(default)s)")
     add_manner(parser)
     add_repeated(parser, "--sink", "URL", SINK_HELP)
-    parser.add_argument("--live", action="store_true", help="at the speed of playback, not as fast as possible")
+    parser.add_argument("--live", action="store_true", help="receive at the speed of playback, not as fast as possible")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ SINK_HELP = (
 
 VIDEO_HELP = (
     "serve sessions as WebRTC video and sound (WHEP), drawn here, to at most this many viewers at once; without a "
-    "number, one for two processors. Each takes most of a processor (docs/video.md)"
+    "number, one for every two processors. Each viewer takes most of a processor (docs/video.md)"
 )
 
 EXAMPLES = """examples:
@@ -37,13 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_pipeline(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8765, help="port; 0: any free one (default: %(default)s)")
     parser.add_argument(
         "--seats",
         type=int,
         default=16,
-        help="most sessions at the same time; there are fewer where the machine carries fewer in real time "
-        "(default: %(default)s)",
+        help="most sessions at the same time; fewer if the machine carries fewer in real time (default: %(default)s)",
     )
     parser.add_argument(
         "--token",
@@ -151,7 +150,7 @@ def run(args: argparse.Namespace) -> int:
             webbrowser.open(page)
 
     def tell_who_talks() -> None:
-        """Voices load while the page does."""
+        """Load the voices while the page loads."""
         try:
             print(who_talks(app.state.manager), flush=True)
         except EchoAvatarError as error:

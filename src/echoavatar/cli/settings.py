@@ -35,7 +35,7 @@ def config_path(environment: Mapping[str, str] = os.environ) -> Path:
 def _at_home(path: str) -> Path:
     try:
         return Path(path).expanduser()
-    except RuntimeError:  # nobody knows the home folder: a container may run as a user without one
+    except RuntimeError:  # no home folder: a container may run as a user without one
         return Path(path)
 
 
@@ -43,7 +43,8 @@ def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[st
     """Set the defaults of a command's parser, and of its sub-commands.
 
     Raises:
-        EchoAvatarError: the file cannot be read, or its section for this command names an option that is not there.
+        EchoAvatarError: the file cannot be read, its section for this command names an unknown option, or a value is
+            impossible.
     """
     path, config = config_path(environment), dict[str, Any]()
     if PREFIX + "CONFIG" in environment or os.path.exists(path):  # Path.exists raises for a name that is too long
@@ -117,4 +118,4 @@ def _converted(kind: Any, found: Any, name: str) -> Any:
     try:
         return kind(str(found))
     except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
-        raise EchoAvatarError(f"the setting {name} is {found!r}, which it cannot be ({error})") from error
+        raise EchoAvatarError(f"the setting {name} is {found!r}, which is not possible ({error})") from error

@@ -18,9 +18,9 @@ from echoavatar.timing import CHUNK, ChunkSize
 from .pipeline.actions import Action, ActionLibrary
 
 Status = Literal["accepted", "started", "done", "rejected"]
-KEPT = 64  # actions that are remembered
+KEPT = 64  # actions remembered
 STRONGEST = 2.0  # intensity
-EDGE, EDGE_S = 0.7, 0.26  # the share of it with which an action begins and ends, and for how long
+EDGE, EDGE_S = 0.7, 0.26  # share of its intensity at an action's beginning and end, and for how long
 
 
 class ActStatus(NamedTuple):
@@ -44,7 +44,7 @@ class ScheduledAction:
     length: int  # chunks
     reason: str = ""  # why it ends early
     is_own: bool = False  # the avatar's own idea, not a request
-    concept: str = ""  # that a word asked for, see `words`
+    concept: str = ""  # the concept whose word asked for it, see `words`
 
     @property
     def end(self) -> int:
@@ -75,7 +75,7 @@ class ActionScheduler:
     ) -> ActStatus:
         """Begin an action with the given chunk, in place of the one that runs. Never raises: it may be rejected.
 
-        Actions that the avatar takes by itself (`is_own`) are not reported. `concept` is what a word asked for.
+        The avatar's own actions (`is_own`) are not reported. `concept` is that of a word that asks. `hold_s`: seconds.
         """
         self._number += 1
         id = id or f"action-{self._number}"
@@ -110,7 +110,7 @@ class ActionScheduler:
         self._end_at(chunk, "stopped")
 
     def gestures_before(self, chunk: int) -> list[ScheduledAction]:
-        """The actions that words asked for before a chunk. Later ones are forgotten: the words ask again."""
+        """The actions that words began before a chunk. Later ones are dropped: their words will ask again."""
         later = [act for act in self._actions if act.concept and act.begin >= chunk]
         for act in later:
             self._actions.remove(act)
@@ -121,7 +121,7 @@ class ActionScheduler:
         return next((act for act in reversed(self._actions) if act.begin <= chunk < act.end), None)
 
     def members(self, chunk: int, codes: int) -> Float[np.ndarray, " K"] | None:
-        """The intensity of each motion code that the action asks for in a chunk."""
+        """The intensity of each motion code that the running action asks for in a chunk; None without an action."""
         act = self.running(chunk)
         if act is None:
             return None
@@ -130,7 +130,7 @@ class ActionScheduler:
         return act.action.members(chunk - act.begin, act.length, codes) * share
 
     def overlay(self, chunk: int) -> Overlay | None:
-        """The clip to lay on a chunk's motion, joined to that of the chunk before."""
+        """The overlay for a chunk's motion, blended from that of the chunk before; None if neither has one."""
         (before, earlier), (now, place) = self._overlay_at(chunk - 1), self._overlay_at(chunk)
         return now if place == earlier + 1 else bridge(before, now)
 

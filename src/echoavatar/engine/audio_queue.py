@@ -24,24 +24,24 @@ from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
 QUEUE_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous
-MAX_UTTERANCES = 256  # that wait
-KEPT_S = 17.0  # of spans behind the newest: further than a session can go back
+MAX_UTTERANCES = 256  # most that may wait
+KEPT_S = 17.0  # how long spans are kept; a session cannot go back so far
 
 
 class Span(NamedTuple):
-    """A run of one utterance within a chunk."""
+    """A run of one utterance within a chunk, in samples at 24 kHz."""
 
     utterance: int
-    start: int  # samples of the utterance before this run, at 24 kHz
-    offset: int  # in the chunk
+    start: int  # samples of the utterance before this run
+    offset: int  # of the run in the chunk
     length: int
 
 
 class HeardUntil(NamedTuple):
     """Where an utterance was cut off."""
 
-    utterance: int  # 0: none was
-    samples: int  # of it that were heard, at 24 kHz
+    utterance: int  # 0: none was cut off
+    samples: int  # how many of its samples were heard, at 24 kHz
 
 
 class _Piece(NamedTuple):
@@ -56,15 +56,15 @@ class AudioQueue:
     def __init__(
         self, chunk: ChunkSize = CHUNK, *, rewind: int = 0, seconds: float = QUEUE_SECONDS, is_paced: bool = False
     ) -> None:
-        """`rewind` is how many chunks behind the one being made can be taken again."""
+        """`rewind`: how many chunks before the one being made can be taken again; `seconds`: most speech to wait."""
         self.waiting = 0  # samples at 24 kHz that are not scheduled
-        self.newest, self.pushed = 0, 0  # the newest utterance, and how much of it left the resampler
+        self.newest, self.pushed = 0, 0  # the newest utterance, and its samples that left the resampler
         self._size, self._rewind, self._kept = chunk.samples, rewind, chunk.within(KEPT_S)
         self._seconds, self._is_paced = seconds, is_paced
         self._resampler: StreamResampler | None = None
         self._is_finished = False
         # utterances
-        self._is_complete = True  # whether the newest utterance is
+        self._is_complete = True  # whether the newest utterance is complete
         self._begun = 0  # the newest utterance of which something was scheduled
         self._pieces: deque[_Piece] = deque()
         self._count = 0  # utterances among the pieces
@@ -72,7 +72,7 @@ class AudioQueue:
         self._next, self._scheduled = 0, 0
         self._chunks: dict[int, Samples] = {}
         self._spans: dict[int, tuple[Span, ...]] = {}
-        self._ends: dict[int, int] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
+        self._ends: dict[int, int] = {}  # where on the clock utterances end, until `take_finished` returns them
 
     # ---- waiting speech
 
@@ -118,7 +118,7 @@ class AudioQueue:
 
     @property
     def seconds(self) -> float:
-        """Speech that the model has not taken yet."""
+        """Seconds of speech that the model has not taken yet."""
         return (self.end + self._in_hand + self.waiting - self._next * self._size) / SAMPLE_RATE_HZ
 
     @property
@@ -130,8 +130,8 @@ class AudioQueue:
     def schedule(self) -> None:
         """Lay the next chunk on the clock, completed with silence.
 
-        An utterance that has just begun is not torn by silence: a whole chunk of silence goes before it, and by the
-        next one more of it may be there.
+        Silence does not tear an utterance that has just begun: a whole chunk of silence goes before it, and by the next
+        chunk more of the utterance may be there.
         """
         first = self._pieces[0].utterance if self._pieces else 0
         is_beginning = first == self.newest != self._begun and not self._is_complete
@@ -163,8 +163,8 @@ class AudioQueue:
     def cut(self, sample: int, last: int | None = None, *, heard: int = 0) -> HeardUntil:
         """Forget speech scheduled after a sample of the clock, and every waiting utterance up to `last` (None: all).
 
-        Returns the utterance that was cut off there, and how much of it was heard; the player may have heard up to
-        `heard`, if that is later. The clock of a paced queue holds whole chunks, so silence completes the last one.
+        Returns the utterance that was cut off, and how much of it was heard: up to `sample`, or `heard` if that is
+        later. The clock of a paced queue holds whole chunks, so silence completes the last one.
         """
         last = self.newest if last is None else last
         waiting = self._drop(last)
@@ -178,12 +178,12 @@ class AudioQueue:
     # ---- utterances on the clock
 
     def utterance_at(self, chunk: int) -> int:
-        """The utterance at the beginning of a chunk, 0 for none."""
+        """The first utterance in a chunk, 0 for none."""
         spans = self._spans.get(chunk)
         return spans[0].utterance if spans else 0
 
     def origins(self) -> dict[int, int]:
-        """Where on the clock the first sample of each utterance is that is there or waits, by its newest run."""
+        """Where on the clock each utterance begins that is scheduled or waits, going by its newest run."""
         found = {
             span.utterance: number * self._size + span.offset - span.start
             for number, spans in self._spans.items()
@@ -196,7 +196,7 @@ class AudioQueue:
         return found
 
     def take_finished(self, clock: int) -> tuple[int, int] | None:
-        """The newest utterance that ended before `clock` since the last call, and the sample of its end."""
+        """The newest utterance that ended by sample `clock` since the last call, and its end; None if none did."""
         done = None
         while self._ends:
             utterance, end = next(iter(self._ends.items()))
@@ -207,7 +207,7 @@ class AudioQueue:
         return done
 
     def is_drained(self, utterance: int) -> bool:
-        """Whether an utterance that was scheduled is complete and none of it waits. Pieces wait in order."""
+        """Whether an utterance is complete and none of it waits any more."""
         is_over = utterance < self.newest or (utterance == self.newest and self._is_complete)
         return is_over and (not self._pieces or self._pieces[0].utterance > utterance)
 
@@ -219,7 +219,7 @@ class AudioQueue:
         return len(self._chunks.get(self._scheduled, ()))
 
     def _check_room(self, seconds: float, *, is_new: bool) -> None:
-        is_whole = seconds > self._seconds  # would never fit
+        is_whole = seconds > self._seconds  # it would never fit
         remedy = "send it in parts" if is_whole else "let the session play some of it before you send more"
         if self.waiting / SAMPLE_RATE_HZ + seconds > self._seconds:
             raise QueueFullError(f"more than {self._seconds:.0f} s of audio are waiting; {remedy}")
@@ -294,7 +294,7 @@ class AudioQueue:
         return HeardUntil(first.utterance, first.start) if first else HeardUntil(0, 0)
 
     def _first_after(self, sample: int) -> HeardUntil:
-        """The utterance on the clock at a sample or next after it, and how much of it lies before."""
+        """The first utterance on the clock at or after a sample, and how much of it lies before the sample."""
         chunk, offset = divmod(sample, self._size)
         for number in range(chunk, self._scheduled + 1):
             for span in self._spans.get(number, ()):

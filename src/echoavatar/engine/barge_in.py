@@ -45,8 +45,8 @@ class Interruption(NamedTuple):
 
     at: int  # sample at which new motion begins
     epoch: int  # of the new motion
-    utterance: int  # that was cut off, 0 for none
-    heard: int  # samples of it that were heard, at 24 kHz
+    utterance: int  # the one that was cut off, 0 for none
+    heard: int  # how many of its samples were heard, at 24 kHz
 
 
 class _Step(NamedTuple):
@@ -63,13 +63,13 @@ class BargeIn:
         self, queue: AudioQueue, music: MusicPlayer, playout: PlayoutBuffer, *, chunk: ChunkSize, rewind: int
     ) -> None:
         self.epoch = 0
-        self.played: int | None = None  # the sample that the player shows, if it says so
+        self.played: int | None = None  # the sample that the player shows, if it reports that
         self._queue, self._music, self._playout = queue, music, playout
         self._size, self._rewind = chunk.samples, rewind
         self._steps: deque[_Step] = deque()  # the latest that can be undone
         self._made = 0  # chunks that the model's row has taken in
         self._target: int | None = None  # the chunk before which the row must go back
-        self._in_flight: tuple[int, Playing] | None = None  # epoch of the chunk being made, the player before it
+        self._in_flight: tuple[int, Playing] | None = None  # epoch of the chunk being made, the music player before it
 
     @property
     def next_chunk(self) -> int:
@@ -111,7 +111,7 @@ class BargeIn:
         return Interruption(first_frame_after(sample) * SAMPLES_PER_FRAME, self.epoch, utterance, count)
 
     def replan(self, most: int) -> None:
-        """Make motion again that lies more than `most` chunks ahead of the player; no sound is lost."""
+        """If motion is over `most` chunks ahead of the player, make it again from near the player; no sound is lost."""
         if self.played is None or self._rewind == 0:
             return
         border = -(-self.played // self._size) + 1
@@ -119,7 +119,7 @@ class BargeIn:
             self._go_back(border * self._size)
 
     def _go_back(self, sample: int) -> int:
-        """To a sample, or as near to it as the steps that are kept allow; returns the sample."""
+        """Go back to a sample, or as near to it as the kept steps allow; returns the sample reached."""
         oldest = self._made - len(self._steps)
         border = max(sample // self._size, oldest)
         sample = max(sample, border * self._size)

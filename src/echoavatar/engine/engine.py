@@ -59,15 +59,16 @@ class Engine:
         workers: int | None = None,
         reload: Callable[[], Pipeline] | None = None,
     ) -> None:
-        """`look_ahead` bounds the chunks made ahead of the player, or of the reader if the player does not report.
+        """`seats` is the most sessions at a time, `rewind` how many chunks one can take back (default: 4 s).
 
-        `rewind` is how many chunks a session can take back (default: 4 s).
+        `look_ahead` bounds the chunks made ahead of the player, or of the reader if the player does not report.
 
         `workers` threads step sessions side by side (default: `nn.device.threads`, or 0 if the models are on a GPU).
         0 steps all rows in every batch, also those that are not ready: a GPU spends hardly more on them, and runs a
         graph that it captured for that size.
 
-        `reload` makes the pipeline anew for `restart`; without it, the same one goes on.
+        `reload` makes the pipeline anew for `restart`; without it, the same one goes on. EchoAvatarError: `seats` or
+        `look_ahead` is less than 1.
         """
         if seats < 1:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
@@ -114,7 +115,7 @@ class Engine:
     def measure(self) -> None:
         """Find out how many sessions the machine carries; for servers, before the first one comes.
 
-        A crowd that comes at once would else be let in before its chunks have told what they cost.
+        Otherwise a crowd that comes at once would be let in before the cost of a chunk is known.
         """
         sessions = [self.open() for _ in range(min(self.workers, self.seats))]
         for session in sessions:
@@ -127,9 +128,7 @@ class Engine:
             session.close()
 
     def open(self, *, seed: int = 0, options: MotionOptions = FREE) -> Session:
-        """Open a session. Its motion depends on its seed and audio alone, not on its neighbours.
-
-        `options` keep it in place, on a leash, or standing from the hips down.
+        """Open a session. Its motion depends on its seed, `options` and audio alone, not on its neighbours.
 
         Raises:
             AdmissionError: all seats are taken.
@@ -233,14 +232,14 @@ class Engine:
         self.wake()
 
     def _share(self, ready: int) -> int:
-        """How many of so many sessions go into a worker's batch."""
+        """How many of `ready` sessions go into one worker's batch."""
         most = self.seats if self.is_batched or self.pipeline.rows_are_apart else 1
         return min(most, math.ceil(ready / self.workers))
 
     def _claim(self, *, everyone: bool) -> list[SessionCore]:
         """Claim sessions that are ready and that no thread works on, those with the least motion ahead first.
 
-        Without `everyone`, a worker's share of those that need it most: who has motion does not delay who has none.
+        Without `everyone`, only a worker's share of those with the least motion ahead: the others do not delay them.
         """
         with self._lock:
             if self.fault is not None:
@@ -257,7 +256,7 @@ class Engine:
         return claimed
 
     def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
-        """The next chunk of some sessions, as one batch."""
+        """Make the next chunk of these sessions, as one batch."""
         began = time.perf_counter()
         self.on_step(self.pipeline)
         try:
@@ -299,7 +298,7 @@ class Engine:
         return True
 
     def _make(self, ready: list[SessionCore]) -> None:
-        """A fault leaves the rows as they were."""
+        """Make a chunk of each session; a fault leaves their rows as they were."""
         seats = list(range(self.seats)) if self.is_batched else [session.seat for session in ready]
         rows = [seats.index(session.seat) for session in ready]
         count = len(seats)
@@ -312,7 +311,7 @@ class Engine:
                 self.pipeline.reset(own, this, seed=session.seed, options=session.options)
                 session.is_new = False
             plan = session.begin_chunk(self._codes)
-            for patch in plan.undone:  # a second time, after a fault, changes nothing more
+            for patch in plan.undone:  # undoing again, after a fault, changes nothing more
                 self._rows.undo(session.seat, patch)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
             manner[row], hands[row] = plan.manner, plan.hands
@@ -348,7 +347,7 @@ def load(
 ) -> Engine:
     """An engine for a bundle: the name of a shipped one, or a folder. For `device` and `precision` see `Pipeline`.
 
-    `without` names stages to leave out, see `Bundle.without`; `runtime` says what of ours runs, see `Runtime.chosen`.
+    `without` names stages to leave out, see `Bundle.without`; `runtime` says which additions run, see `Runtime.chosen`.
 
     Raises:
         CheckpointError: the bundle is missing or damaged.
@@ -364,15 +363,15 @@ def load(
     for part in (homecoming, idle_motion, gaze):
         part.warm_up(pipeline.skeleton)
     feeling.warm_up()
-    give_back()  # 190 MB
+    give_back()  # 190 MB are free now
     return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)
 
 
 def give_back() -> None:
-    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
+    """Give free whole pages back to the system, in some milliseconds. Only glibc needs this, and only it can do so.
 
-    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
-    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
+    A session holds some 20 MB. glibc keeps freed blocks between blocks in use, so a server whose sessions come and go
+    grows by a hundred megabytes, though no more is in use than at its start.
     """
     with suppress(AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
         ctypes.CDLL(None).malloc_trim(0)

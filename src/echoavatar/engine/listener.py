@@ -15,13 +15,13 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 FRAME = 480  # samples, 20 ms
 SOUND_DB = -45.0  # quieter sound is not speech
-OVER_FLOOR_DB = 9.0
+OVER_FLOOR_DB = 9.0  # speech is louder than the noise floor by this much
 PAUSE_S = 0.30  # of silence before a nod
 TURN_S = 1.0  # of silence that ends the user's turn
-LEAST_SPEECH_S = 0.9  # before a nod
+LEAST_SPEECH_S = 0.9  # of speech before a nod
 LEAST_GAP_S = 2.5  # between nods
 NOD_S = 1.6  # from the pause until the posture is taken again
-NOD_SHARE = 0.7
+NOD_SHARE = 0.7  # of the pauses that may have a nod
 
 Sign = Literal["begins", "pause", "ends"]
 
@@ -42,7 +42,7 @@ class Listener:
         self._rest = np.zeros(0, np.float32)
         self._at = 0  # samples analysed
         self._floor = -70.0
-        self._speech = 0.0  # seconds of it since the last pause
+        self._speech = 0.0  # seconds of speech since the last pause
         self._silence = TURN_S
         self._nodded, self._has_nodded = -LEAST_GAP_S, False
 
@@ -68,9 +68,8 @@ class Listener:
         step = FRAME / SAMPLE_RATE_HZ
         if level > max(SOUND_DB, self._floor + OVER_FLOOR_DB):
             self._silence, self._speech = 0.0, self._speech + step
-            is_over = (
-                self._has_nodded and self._at / SAMPLE_RATE_HZ - self._nodded > NOD_S
-            )  # the posture is taken again
+            # After a nod the posture is taken again.
+            is_over = self._has_nodded and self._at / SAMPLE_RATE_HZ - self._nodded > NOD_S
             if self._speech > 0.1 and (is_over or not self.is_listening):
                 self.is_listening, self._has_nodded = True, False
                 return [Noticed("begins", self._at)]

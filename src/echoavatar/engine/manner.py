@@ -16,27 +16,28 @@ from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import CHUNK, ChunkSize
 
-SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
+SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, and its name in `Manner`
 LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
-# Added to the drawn numbers before the model is told them, because it exaggerates: it gestures more than told, with
-# both hands more often, and they mirror each other less.
+# Added to the drawn numbers, because the model exaggerates: it gestures more than it is told, uses both hands more
+# often, and mirrors them less.
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}
-LIVELIEST = 0.85  # what the model is told at the end of the dial; it saw few livelier speakers
-# Times the model's moves, at `SIZED` of the dial. The stage takes a tenth; the calm move less often rather than small.
+LIVELIEST = 0.85  # what the model is told for liveliness 1; it saw few livelier speakers
+# Factors on the model's moves, at the points `SIZED` of `dial`. The stage `stillness` takes a tenth; calm speakers move
+# less often rather than less far.
 SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 1.0, 1.1, 1.3
 SIZED = (0, 0.6, 1, 2)
 DRIFT = 0.15  # how far a number wanders from what was drawn
-STEP = CHUNK  # 0.27 s: how long all that is decided here holds at least, whatever the chunk
-DRIFT_STEPS = 45  # 12 s, two or three phrases, until it stands elsewhere
-TURN_STEPS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
+STEP = CHUNK  # 0.27 s: every decision here holds at least so long, whatever the bundle's chunk
+DRIFT_STEPS = 45  # 12 s, two or three phrases, from one drawn place to the next
+TURN_STEPS, TURN_JITTER = 12, 4  # a turn: 3.2 s on average in which the same hands work
 QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manner.busy`) at liveliness 0 and 1
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
 RESTS = 0.2  # chance at liveliness 0 that neither works
 STIRRED = 1.0  # how busy the leading hand is told to be where both have rested for too long; `QUIET` at liveliness 0
 HANGING = 0.08  # how high an idle hand is
-KEPT = 8  # turns that are remembered
-AROUND = STEP.within(BUSY_S) // 2  # steps to either side that a hand's busyness is a mean of
+KEPT = 8  # turns remembered
+AROUND = STEP.within(BUSY_S) // 2  # steps to either side over which a hand's busyness is averaged
 
 
 class SpeakerManner:
@@ -49,7 +50,7 @@ class SpeakerManner:
             self._drawn[MANNER.index(name)] += by
         self._drawn[REST] = 0  # at the sides: the model keeps idle hands before the body too often
         self._set: dict[str, float] = {}
-        self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
+        self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in each turn
         self._borders: dict[int, int] = {}  # where turns begin
         self.choose(options.liveliness, options.handedness)
 
@@ -60,7 +61,7 @@ class SpeakerManner:
         self._turns.clear()
 
     def hands(self, chunk: int, *, talks: bool = True) -> Float[np.ndarray, " 3"]:
-        """`WHOLE`, or for one who talks how far the left and the right arm move: one that rests moves less."""
+        """Sizes of the left and the right arm's moves, and 1, for a speaker who talks; else `WHOLE`."""
         if not talks:
             return WHOLE
         right = self._set.get(SET["handedness"], 0.5)
@@ -71,13 +72,13 @@ class SpeakerManner:
 
     @property
     def dial(self) -> float:
-        """The liveliness that a user set, from 0 to 2; 1, the middle, where nobody did."""
+        """Twice the liveliness that a user set, so from 0 to 2; 1, the middle, if it is not set."""
         return self._set.get("liveliness", LIVELIEST / 2) / (LIVELIEST / 2)
 
     def at(self, chunk: int, *, is_silent: bool = False, rests: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`.
 
-        In silence both hands are idle; if both have rested for too long (`rests`), the leading one is to work.
+        In silence both hands are idle. If both rested for too long (`rests`), the model is told that the leader works.
         """
         step = self._step(chunk)
         numbers = self._numbers(step)
@@ -102,7 +103,7 @@ class SpeakerManner:
         return values
 
     def _busy(self, step: int) -> Float[np.ndarray, " 2"]:
-        """How busy the left and the right hand are around a step, so that no hand starts at once."""
+        """How busy the left and the right hand are, averaged around a step so that no hand starts abruptly."""
         near = [self._hands(at)[:2] for at in range(max(0, step - AROUND), step + AROUND + 1)]
         return np.asarray(np.mean(near, axis=0))
 
@@ -120,14 +121,14 @@ class SpeakerManner:
         values, rng = self._numbers(self._border(turn)), np.random.default_rng([self._seed, 3, turn])
         rests, both, right, second, lively = rng.random(5)
         is_set = SET["handedness"] in self._set
-        apart = abs(2 * values[RIGHT] - 1) if is_set else 0.0  # who asks for one hand does not ask for both
+        apart = abs(2 * values[RIGHT] - 1) if is_set else 0.0  # a user who asks for one hand does not want both
         working = np.full(2, both < values[BOTH] * (1 - apart))
         working[int(right < values[RIGHT])] = True
         working &= rests >= RESTS * (1 - values[LIVELINESS]) ** 2
         busy = np.full(2, QUIET + (LIVELY - QUIET) * values[LIVELINESS] + 0.2 * (lively - 0.5))
         busy[int(right >= values[RIGHT])] -= UNEQUAL * 2 * second
         busy = np.where(working, busy, rng.uniform(*IDLE, 2))
-        is_told = working.any() and is_set  # else the hand that rests may do so anywhere
+        is_told = working.any() and is_set  # otherwise an idle hand may rest anywhere
         high = np.where(~working & is_told, HANGING, np.nan)
         drawn: Float[np.ndarray, " hands"] = np.clip(np.concatenate([busy, high]), 0, 1)
         return drawn

@@ -19,7 +19,7 @@ from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
-DUCKED = 0.35  # of the level, under speech
+DUCKED = 0.35  # level of music under speech
 DUCK_S = 0.25  # from full level to ducked, and back
 FADE_S = 0.4
 AUDIBLE = 1e-3  # a frame with this peak counts as speech
@@ -44,7 +44,7 @@ class Playing:
 
     title: str = ""
     track: Samples | None = field(default=None, compare=False)
-    at: int = 0  # samples of the track
+    at: int = 0  # samples of the track played so far
     duck: float = 1.0
     quiet: int = HOLD_FRAMES  # frames since the last speech
     fade: float = 1.0

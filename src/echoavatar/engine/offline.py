@@ -20,7 +20,7 @@ from .pipeline import Pipeline
 
 
 class AnimatedSound(NamedTuple):
-    """Motion beside the sound that drove it. Printed, it says what it holds."""
+    """Motion beside the sound that drove it."""
 
     motion: Motion
     audio: Float[np.ndarray, " s"]  # 24 kHz mono

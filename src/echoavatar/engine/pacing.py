@@ -11,20 +11,20 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .session_core import SessionCore
 
-PATIENCE_S = 1.0  # after a report; a player that is silent for longer is not assumed to play on
+PATIENCE_S = 1.0  # a player that has not reported for longer is not assumed to play on
 MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
 
 
 class Playhead:
     """An estimate of the first sample that was not heard: the player's last report, and the wall clock since.
 
-    It waits at the end of the motion sent. Times are seconds of any monotonic clock.
+    The playhead waits at the end of the motion sent. Times are seconds of any monotonic clock.
     """
 
     def __init__(self) -> None:
         self._at = 0.0
         self._now: float | None = None
-        self._reported: float | None = None  # when
+        self._reported: float | None = None  # when the player last reported
 
     @property
     def sample(self) -> int:
@@ -39,12 +39,12 @@ class Playhead:
         self._now = now
 
     def reaches(self, sample: int, now: float, end: int) -> float | None:
-        """When it will be at a sample; None if it waits before that, for motion or for a report."""
+        """When the playhead will reach a sample; None if it waits before that, for motion or for a report."""
         at = now + max(0.0, sample - self._at) / SAMPLE_RATE_HZ
         return at if sample <= self.waits_at(end) else None
 
     def waits_at(self, end: int) -> int:
-        """The sample at which it will wait, for motion after `end` or for a report; its own if no client plays."""
+        """The sample at which the playhead will wait for motion or a report; its present one if no client plays."""
         if self._now is None:
             return self.sample
         patience = math.inf if self._reported is None else self._reported + PATIENCE_S - self._now
@@ -70,7 +70,7 @@ class Pacer:
         self.playhead = Playhead()
         self._core, self._size = core, core.chunk.samples
         self._ahead = round(ahead_seconds * SAMPLE_RATE_HZ)
-        self._scheduled: dict[int, float] = {}  # by chunk: when
+        self._scheduled: dict[int, float] = {}  # when each chunk was scheduled, by its number
 
     def advance(self, now: float, end: int) -> None:
         """Advance the playhead, and tell the engine."""
@@ -83,7 +83,7 @@ class Pacer:
         return self._core.scheduled - self.playhead.sample < self._just_in_time
 
     def schedule(self, now: float, *, early: bool = False) -> list[int]:
-        """Schedule as many chunks as playback allows; returns the clock of each.
+        """Schedule as many chunks as playback allows; returns the first sample of each.
 
         `early`: another session is due, and a batch costs hardly more than one session, so all go together.
         """
@@ -95,11 +95,11 @@ class Pacer:
         return clocks
 
     def deadline(self, now: float, end: int) -> float | None:
-        """When the next chunk must be scheduled; None if that takes an event: motion, speech or a report."""
+        """When the next chunk must be scheduled; None if an event must come first: motion, speech or a report."""
         return self.playhead.reaches(self._core.scheduled - self._bound + 1, now, end)
 
     def took(self, at: int, now: float) -> float | None:
-        """Seconds since the chunk of a clock was scheduled; None if that is not known. Asked once for each."""
+        """Seconds since the chunk that begins at sample `at` was scheduled; None if unknown, or at a second call."""
         then = self._scheduled.pop(at // self._size, None)
         return None if then is None else now - then
 

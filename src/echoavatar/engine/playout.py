@@ -1,7 +1,7 @@
 """The playout buffer: motion on its way to the reader, and the blend out of the pose shown when a barge-in comes.
 
 After a barge-in the new motion begins at the first frame after the last sample heard, inside its chunk. It starts from
-the old pose and speed, as an offset that dies away (`pipeline.inertial`). If only one frame of the chunk is left, the
+the old pose and speed, as an offset that dies away (`motion.inertial`). If only one frame of the chunk is left, the
 old motion coasts through it and the blend begins with the next chunk, because a speed takes two frames.
 """
 
@@ -54,7 +54,7 @@ class PlayoutBuffer:
         return delivery
 
     def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, epoch: int, memory: int) -> None:
-        """Add the motion of a whole chunk; frames of it that were shown before a barge-in stay as they were."""
+        """Add a whole chunk; frames of it shown before a barge-in stay. `memory` chunks before it can be taken back."""
         skip = max(0, self._fresh - chunk * self._frames)
         new = self._blended(motion.part(skip))
         shown = self._recent.get(chunk)

@@ -19,8 +19,8 @@ class SessionStatus(NamedTuple):
 
     source: str  # of the latest motion: "action", "speech", "music" or "idle"
     is_listening: bool  # whether the user speaks, or has just stopped
-    made: int  # samples at 24 kHz for which there is motion
-    seconds_waiting: float  # speech that was not heard yet
+    made: int  # samples at 24 kHz for which motion is made or being made
+    seconds_waiting: float  # speech that the model has not heard yet
     late_chunks: int  # chunks that were made after their time had come
 
 
@@ -45,9 +45,9 @@ class Session:
         self.core.push(audio, rate)
 
     def words(self, words: Iterable[Sequence[Any]]) -> None:
-        """Tell words of the audio that is pushed next: (text, start) or (text, start, end), in seconds from there.
+        """Announce the words of the audio pushed next: (text, start) or (text, start, end), in seconds from its start.
 
-        Some begin a gesture that shows what they mean. `clear` drops those that were not heard.
+        Some words begin a gesture that shows what they mean. `clear` drops the words that were not heard.
 
         Raises:
             EchoAvatarError: a word is too long, a time is wrong or out of order, or too many words wait.
@@ -57,8 +57,8 @@ class Session:
     def clear(self, heard: int | None = None) -> int:
         """Barge-in: forget audio after sample `heard` of the session, and all motion that stems from it.
 
-        The motion goes on from the pose on screen as if the forgotten audio had never come. Without `heard`, what was
-        heard ends with the motion that was taken. Returns the sample at which new motion begins. A session goes back
+        The motion goes on from the pose on screen as if the forgotten audio had never come. Without `heard`, the audio
+        of all motion taken so far counts as heard. Returns the sample at which new motion begins. A session goes back
         as far as the engine remembers (`Engine(rewind=...)`).
         """
         return self.core.interrupt(heard).at
@@ -71,7 +71,7 @@ class Session:
         """Chunks of motion until the audio pushed so far is used up; makes them as needed.
 
         Raises:
-            EchoAvatarError: a fault ended the session.
+            EchoAvatarError: the session has failed. The step that fails raises its own error.
         """
         while True:
             delivery = self.core.take()
@@ -105,7 +105,7 @@ class Session:
         self.core.set_manner(liveliness, handedness)
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
-        """Play music (24 kHz mono): the avatar hears it under its speech and dances."""
+        """Play music (24 kHz mono) under the speech; the avatar dances. EchoAvatarError: the session is closed."""
         self.core.play(title, track)
 
     def stop_music(self) -> None:

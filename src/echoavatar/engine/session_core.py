@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from .engine import Engine
 
 LISTEN_S = 20.0  # a listening posture ends by itself
-MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
-REPLAN_AHEAD_S = 0.53  # that an action waits at most behind motion made earlier, if the player reports its place
+MUSIC_AHEAD_S = 0.8  # how far ahead of the player motion to music is made: speech waits that long at most
+REPLAN_AHEAD_S = 0.53  # longest wait of an action behind motion made earlier, if the player reports its place
 
 
 class ChunkPlan(NamedTuple):
@@ -48,7 +48,7 @@ class ChunkPlan(NamedTuple):
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
     manner: Float[np.ndarray, " m"]  # how the speaker gestures
-    hands: Float[np.ndarray, " 3"]  # how far the left and the right arm move, and whether they talk
+    hands: Float[np.ndarray, " 3"]  # sizes of the left and the right arm's moves, and 1 if the speaker talks
     forgets: bool  # whether the model must forget its past motion
     undone: list[Patch]  # steps to undo before it, latest first
 
@@ -72,7 +72,7 @@ class SessionCore:
         self.seat, self.seed, self.options = seat, seed, options
         self.chunk = host.chunk
         self.music_ahead, self._replan_ahead = map(self.chunk.within, (MUSIC_AHEAD_S, REPLAN_AHEAD_S))  # chunks
-        self.is_new = True  # its row is not reset yet; the engine's note
+        self.is_new = True  # the engine has not reset its row yet
         self.is_closed = False
         self.error: Exception | None = None  # the fault that ended the session
         self.on_motion: Callable[[], None] | None = None  # called from an engine's thread after each chunk, or a fault
@@ -87,7 +87,7 @@ class SessionCore:
         self._listener = Listener(seed)
         self._manner = SpeakerManner(seed, options, self.chunk)
         self._user_resampler: StreamResampler | None = None
-        self._heard_user = 0  # the next chunk when the user's sound came last
+        self._heard_user = 0  # the chunk that was next when the user's sound last came
         self._gaze = Gaze(seed, options.eye_contact, self.chunk)
         self._idle_motion = IdleMotion(seed, options, self.chunk)
         self._homecoming = Homecoming(host.skeleton, options, self.chunk)
@@ -141,7 +141,7 @@ class SessionCore:
                 self._react(noticed.sign)
 
     def end_listening(self) -> None:
-        """The user's sound has ended: no silence need tell so."""
+        """The user's sound has ended; do not wait for silence."""
         with self._lock:
             for noticed in self._listener.end():
                 self._react(noticed.sign)
@@ -157,7 +157,7 @@ class SessionCore:
         return done
 
     def report_played(self, sample: int) -> None:
-        """The player shows this sample now; motion is made ahead of it within the engine's bound only."""
+        """The player shows this sample now; motion is made at most `look_ahead` chunks ahead of it."""
         with self._lock:
             self._barge_in.played = max(self._barge_in.played or 0, sample)
         self._wake_if_ahead()
@@ -180,6 +180,7 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(self._replan_ahead)
             self._actions.stop(self._barge_in.next_chunk)
+        self._host.wake()
 
     def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Change how the speaker gestures, from the next chunk on; see `MotionOptions`. None leaves it as it is.
@@ -205,6 +206,7 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(self._replan_ahead)
             self._music.stop()
+        self._host.wake()
 
     def close(self) -> None:
         """Free the seat, and the callback that may refer back to this session."""
@@ -215,7 +217,7 @@ class SessionCore:
     # ---- motion out
 
     def take(self) -> Delivery | None:
-        """The next motion that is ready, or None. A chunk, or less right after an interruption within one."""
+        """The next motion that is ready, or None: a chunk, or the rest of one after an interruption within it."""
         with self._lock:
             delivery = self._playout.take()
         if delivery is not None:
@@ -228,7 +230,7 @@ class SessionCore:
             return self._actions.take()
 
     def take_finished(self, clock: int) -> tuple[int, int] | None:
-        """The newest utterance that ended before `clock` since the last call, and the sample of its end."""
+        """The newest utterance that ended by sample `clock` since the last call, and its end; None if none did."""
         with self._lock:
             return self._queue.take_finished(clock)
 
@@ -240,13 +242,13 @@ class SessionCore:
 
     @property
     def made(self) -> int:
-        """Sample up to which motion was made."""
+        """Sample up to which motion is made or being made."""
         with self._lock:
             return self._barge_in.next_chunk * self.chunk.samples
 
     @property
     def scheduled(self) -> int:
-        """Sample up to which sound is on the clock, made into motion or not."""
+        """Sample up to which sound is on the clock, whether its motion is made or not."""
         with self._lock:
             return self._queue.end
 
@@ -277,19 +279,19 @@ class SessionCore:
         return self._listener.is_listening
 
     def dances_at(self, sample: int) -> bool:
-        """Whether the legs dance in the chunk of a sample, which was made."""
+        """Whether the legs dance in the chunk that holds this sample; its motion must be made."""
         with self._lock:
             return self._settling.is_dancing(sample // self.chunk.samples)
 
     def utterance_at(self, sample: int) -> int:
-        """The utterance that begins the chunk of a sample, 0 for none."""
+        """The first utterance in the chunk that holds this sample, 0 for none."""
         with self._lock:
             return self._queue.utterance_at(sample // self.chunk.samples)
 
     @property
     def ahead(self) -> int:
         """Chunks made ahead of the player if it reports its place, else ahead of the reader."""
-        # Without the one in the making, or a session whose step failed would never be made.
+        # The chunk in progress is not counted, or a failed session would never be scheduled.
         with self._lock:
             played = self._barge_in.played
             if played is None:
@@ -330,10 +332,10 @@ class SessionCore:
     def begin_chunk(self, codes: int) -> ChunkPlan:
         """Take the sound of the next chunk, and its action; returns the same plan until `end_chunk`.
 
-        All of it under one lock: if the session went back in between, it would hear old sound in a later state.
+        One lock covers it all: if the session went back in between, the model would hear old sound in a later state.
         """
         with self._lock, self._or_fail():
-            if self._making is not None:  # its step failed
+            if self._making is not None:  # the step failed and is tried again
                 return self._making[2]
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
@@ -368,8 +370,6 @@ class SessionCore:
             on_motion = self.on_motion
         if on_motion is not None:
             on_motion()
-
-    # ---- inside
 
     @contextmanager
     def _or_fail(self) -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""When a session's model must forget its motion: it dances on in silence, or stands still in music.
+"""When a session's model must forget its motion, because it dances on in silence or stands still in music.
 
 The model continues its own last seconds of motion, so whatever they hold goes on: a dance for seconds into silence, and
 a rest for half a minute into music (the paper leaves both open). Then the model's context is cleared, and the body's
@@ -19,15 +19,15 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-SILENCE, SILENCE_S = 0.003, 0.26  # RMS of silence, -50 dBFS, and its least length: sounds are further apart
+SILENCE, SILENCE_S = 0.003, 0.26  # largest RMS of silence, -50 dBFS, and its least length: sound has shorter gaps
 STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that stands stays under 10
-DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
+DANCES, DANCES_S = 40.0, 4.0  # mean speed over 4 s that only dances reach; steps while talking stay under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 RESTING = 27.0  # degrees per second, mean over the arms' joints behind `Stillness`: wrists at 0.3 m/s
 STIRS_S = 0.53  # of sound after which arms at rest are asked to work
 DANCE_RESTS_S, TALK_RESTS_S = 0.4, 2.13  # of sound after which arms at rest are freed, in a dance and else
-KEPT_S = 17.0  # that is remembered
+KEPT_S = 17.0  # how long chunks are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
 
@@ -50,7 +50,7 @@ class Settling:
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"], *, acts: bool = False) -> bool:
-        """Whether the chunk that comes next is silence in which a dance goes on, or sound in which the arms rest.
+        """Whether the next chunk, of sound `audio`, is silence in which a dance goes on, or sound in which arms rest.
 
         While an action runs (`acts`), arms rest because it asks for that.
         """
@@ -65,18 +65,18 @@ class Settling:
         return silent == 1 or before.legs > STANDING
 
     def rests(self, chunk: int) -> bool:
-        """Whether the arms have rested in sound for `STIRS_S` up to this chunk, which comes next."""
+        """Whether the arms have rested in sound for `STIRS_S` before this chunk, the next one."""
         return chunk - 1 in self._chunks and self._chunks[chunk - 1].resting >= self._stirs
 
     def is_dancing(self, chunk: int) -> bool:
-        """Whether the legs danced to sound in the last seconds up to this chunk, which was made."""
+        """Whether the legs danced to sound in the last seconds up to this chunk, whose motion is made."""
         mean = self._legs(chunk, self._dances)
         return mean > DANCES and chunk in self._chunks and self._chunks[chunk].silent < self._recent
 
     def made(
         self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton, *, size: float = 1.0
     ) -> None:
-        """Note a chunk that was made, of a speaker whose gestures, not dances, are `size` times as large as usual."""
+        """Note a chunk that was made. `size` is the factor on its speaker's gestures, not on dances."""
         before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
         quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
         most = RESTING * (1 if before.dances else size)
@@ -84,17 +84,17 @@ class Settling:
         rested = before.resting + (not silent) if rests and silent < self._recent else 0
         legs = joint_speed(motion, skeleton, _LEGS)
         now = self._chunks[chunk] = _Chunk(quiet, silent, legs, rested, before.dances)
-        # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
+        # Half the time finds dances that soon come to rest; steps of a talk that it mistakes only free the arms sooner.
         dances = silent < self._recent and (before.dances or self._legs(chunk, self._dances // 2 + 1) > DANCES)
         self._chunks[chunk] = now._replace(dances=dances)
         self._chunks.pop(chunk - self._kept, None)
 
     def _legs(self, chunk: int, count: int) -> float:
-        """Mean speed of the legs in so many chunks up to this one; what was not made counts as 0."""
+        """Mean speed of the legs in the last `count` chunks up to this one; chunks that were not made count as 0."""
         return sum(self._chunks[at].legs for at in range(chunk - count + 1, chunk + 1) if at in self._chunks) / count
 
     def silence(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
-        """Chunks of silence so far, with the one of this sound, which comes next; 0 while there is sound."""
+        """Chunks of silence in a row up to and with the next one, of this sound; 0 while there is sound."""
         return max(0, self._quiet(chunk, audio) - self._least + 1)
 
     def _quiet(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:

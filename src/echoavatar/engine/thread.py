@@ -11,9 +11,9 @@ from .engine import Engine
 _LOG = logging.getLogger(__name__)
 IDLE_S = 1.0  # most that an idle worker sleeps; `Engine.wake` ends it at once
 NAP_S = 0.05  # between looks at threads that are to end
-MOST_FAULTS, WITHIN_S = 3, 60.0  # the last of so many faults of the engine within a minute ends it
+MOST_FAULTS, WITHIN_S = 3, 60.0  # so many faults of the engine within a minute end it
 STUCK_S = 60.0  # a step that lasts so long never ends: a chunk of sound is less than a second
-MOST_BETWEEN_S = 5.0  # that count between two looks at a step; for longer, the process itself was stopped or asleep
+MOST_BETWEEN_S = 5.0  # most that counts between two looks at a step: over a longer gap the process was suspended
 
 
 class EngineThread:
@@ -26,9 +26,9 @@ class EngineThread:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self.error: BaseException | None = None
-        self.is_stuck = False  # in a step that never ends
-        self.on_change: Callable[[], None] = lambda: None  # called from a thread after a restart, or when all end
-        self._looked, self._watched_s = time.monotonic(), 0.0  # the last look, and how long its oldest step was watched
+        self.is_stuck = False  # whether a thread is in a step that never ends
+        self.on_change: Callable[[], None] = lambda: None  # called in a thread after a restart, or when faults end all
+        self._looked, self._watched_s = time.monotonic(), 0.0  # the last look; how long its oldest step was watched
         self._stopping = threading.Event()
         self._healing = threading.Lock()
         self._faults: list[float] = []  # when the engine failed, within the last minute

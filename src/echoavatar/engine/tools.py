@@ -1,7 +1,7 @@
 """Tools for language models: what a model may do with the avatar, declared in the form of every framework.
 
 The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A call that
-asks for another one is rejected with the list (`checked`). The model need not say anything about the result of a tool.
+asks for another one is rejected, and the reason lists those that exist.
 
 `render` makes the declarations in the form that each framework takes. Fields that a framework does not know are left
 out (`additionalProperties` for Gemini, bounds for ElevenLabs); only fields that it requires are added. A gesture needs
@@ -27,7 +27,7 @@ class Toolbox:
     """The tools over one action library and one music library."""
 
     def __init__(self, actions: ActionLibrary, tracks: Tracks, *, has_manner: bool = False) -> None:
-        """`has_manner` says whether the model follows the manner of a session."""
+        """`has_manner`: whether the motion model follows a manner, so that `set_manner` is offered."""
         self._tracks, self._has_manner = tracks, has_manner
         self.meanings = {name: action.about for name, action in actions.items() if name not in HIDDEN}
 

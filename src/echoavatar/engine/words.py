@@ -1,8 +1,8 @@
 """Gestures that words ask for: a hand to the chest at "me", an open arm at "there". Not in the paper.
 
 The generator hears sound alone and knows no words. Where a voice tells its words and their times, some of them begin an
-action of the library, so early that its stroke meets the word. `words.json` holds the words of each concept and the
-actions that show it. Which words get a gesture follows from the seed, the liveliness and the gestures before.
+action of the library, so early that its stroke meets the word. `words.json` holds the words of each concept, and the
+actions that show it. Which words get a gesture depends on the seed, the liveliness and earlier gestures.
 """
 
 import logging
@@ -27,14 +27,14 @@ from .audio_queue import AudioQueue
 from .pipeline import ActionLibrary
 
 TABLE = Path(__file__).with_name("words.json")
-GAP_S = 4.0  # between two beginnings: people make no more gestures with a meaning
-AGAIN_S = 12.0  # between two of one concept
-PAST_S = 30.0  # that words are kept after their time; sessions do not go back so far
-WORDS, UTTERANCES = 20_000, 256  # that wait
-LETTERS, LATEST_S = 100, 86_400.0  # of a word
-AT_ONCE = 64  # words that are looked at for one chunk; people say ten in that time
+GAP_S = 4.0  # between the beginnings of two gestures: people make no more gestures with a meaning
+AGAIN_S = 12.0  # between two gestures of one concept
+PAST_S = 30.0  # how long words are kept after their time; sessions do not go back so far
+WORDS, UTTERANCES = 20_000, 256  # most that may wait
+LETTERS, LATEST_S = 100, 86_400.0  # most letters of a word, its latest time
+AT_ONCE = 64  # most words that one chunk examines; people say ten in that time
 PHRASE = 4  # words of the longest phrase in the table
-_SLOWEST_S = 10.0  # that a word takes; longer ones are told in milliseconds
+_SLOWEST_S = 10.0  # mean length of words; if it is longer, the times are milliseconds
 _LOG = logging.getLogger(__name__)
 _start = operator.itemgetter(1)
 _CLOCK = r"(?:(\d{1,3}):)?(\d\d):(\d\d[.,]\d{1,3})"
@@ -52,11 +52,11 @@ class Word(NamedTuple):
 
 
 def read_words(path: Path) -> list[Word]:
-    """Words of a file, in order: captions (.vtt, .srt), or JSON as many recognisers of speech write it.
+    """Words of a file, in order: captions (.vtt, .srt), or JSON as many speech recognisers write it.
 
     In JSON, words or sentences are objects with `text` or `word`, and `start` and perhaps `end`, or `timestamp` with
     both; of several lists the longest counts, and of equals the last. The words of a sentence share its time by their
-    letters. Raises EchoAvatarError if the file cannot be read, or holds something else.
+    letters. An empty list has no words. Raises EchoAvatarError if the file cannot be read, or holds something else.
     """
     with readable(path):
         data = read_bytes(path, CONFIG_BYTES)
@@ -80,7 +80,7 @@ def read_words(path: Path) -> list[Word]:
 
 
 def _said(value: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Word]]:
-    """What is said in JSON, and the keys under which it stands."""
+    """Words and sentences in JSON, each with the keys on the way to it."""
     if isinstance(value, dict):
         text, times = value.get("text", value.get("word")), value.get("timestamp")
         start, end = times if isinstance(times, list) and len(times) == 2 else (value.get("start"), value.get("end"))
@@ -103,7 +103,7 @@ def _shared(said: Word) -> Iterator[Word]:
 
 class _Concept(NamedTuple):
     name: str
-    chance: float  # that a word gets a gesture
+    chance: float  # of a gesture for each of its words
     leads: Mapping[str, int]  # chunks from the beginning of each action that shows it to its stroke
 
 
@@ -149,12 +149,12 @@ class WordGestures:
             self._actions.stop(chunk)
 
     def gesture(self, chunk: int, liveliness: float, *, is_free: bool) -> None:
-        """Begin the action whose stroke meets its word if it begins with this chunk, the next one to be made.
+        """Begin the action that must start with this chunk, the next one to be made, for its stroke to meet its word.
 
         Args:
             chunk: number of the chunk; after a barge-in, chunks come again.
             liveliness: of the speaker, 0 to 1; at 0.5 a concept's own chance holds.
-            is_free: whether the session may gesture. A running action also goes first.
+            is_free: whether the session may gesture. A running action always goes first.
         """
         before = self._actions.gestures_before(chunk)
         if not self._words or not is_free or self._actions.running(chunk) is not None:
@@ -208,7 +208,7 @@ def _caption(cue: re.Match[str]) -> Word:
 
 
 def _words_of(rows: Iterable[Sequence[Any]]) -> list[Word]:
-    """Words of tuples: a text, its start, and its end or None if that is known.
+    """Words of tuples: a text, its start and perhaps its end, which may be None.
 
     Raises EchoAvatarError if a row is something else.
     """
@@ -222,7 +222,7 @@ def _words_of(rows: Iterable[Sequence[Any]]) -> list[Word]:
 
 
 def _check(word: Word, latest: float) -> None:
-    """Raise EchoAvatarError for a word that is too long, or whose times are none or lie before `latest`."""
+    """Raise EchoAvatarError for a word that is too long, has impossible times, or starts before `latest`."""
     text, start, end = word
     shown = repr(text[:20])
     if len(text) > LETTERS:
@@ -236,7 +236,7 @@ def _check(word: Word, latest: float) -> None:
 
 
 def _concepts(library: ActionLibrary) -> dict[str, _Concept]:
-    """What each word and phrase of the table means, of what the library can show."""
+    """The concept of each word and phrase of the table, if the library has an action for it."""
     found: dict[str, _Concept] = {}
     for language in _table().values():
         for name, row in language.items():

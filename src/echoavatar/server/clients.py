@@ -14,8 +14,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from echoavatar.wire.guard import network_of
 from echoavatar.wire.rates import Limiter, Rate, TokenGate, too_often
 
-PATIENCE_S = 2.0  # that a request is held before it is refused
-REFUSAL_S = 1.0  # before the answer to an offer or a call that comes too often
+PATIENCE_S = 2.0  # a request that would have to wait for longer is refused
+REFUSAL_S = 1.0  # delay of the answer to an offer or a call that comes too often
 Kind = Literal["requests", "offers", "hellos", "commands", "reports", "sounds"]
 
 
@@ -26,9 +26,9 @@ class ClientRates:
     requests: Rate = Rate(150, 1_800)  # HTTP requests and new WebSockets
     offers: Rate = Rate(4, 30)  # new WebRTC viewers
     hellos: Rate = Rate(30, 300)  # sessions that are opened, resumed or watched
-    commands: Rate = Rate(60, 600)  # action, music, interrupt, and calls of tools
+    commands: Rate = Rate(60, 600)  # action, manner, music, interrupt, and calls of tools
     reports: Rate = Rate(600, 18_000)  # played, ping
-    sounds: Rate = Rate(1_000, 30_000)  # audio and end, of one connection
+    sounds: Rate = Rate(1_000, 30_000)  # audio, words and end, of one connection
 
 
 class ClientLimits:
@@ -57,10 +57,7 @@ class ClientLimits:
             raise too_often(f"too many {kind} came from this address", seconds)
 
     async def hold(self, key: str) -> float:
-        """Count a request of HTTP and hold it until its turn; returns the seconds until a refused one may come again.
-
-        They are 0 if it is not refused.
-        """
+        """Hold an HTTP request until its turn and return 0; or, if refused, the seconds until it may come again."""
         seconds = self._wait("requests", key, patience=PATIENCE_S)
         if seconds > PATIENCE_S:
             return seconds
@@ -72,7 +69,7 @@ class ClientLimits:
 
 
 def client_of(scope: Any) -> str:
-    """The client of a request or a WebSocket, whose scope this is."""
+    """The client of a request or a WebSocket with this ASGI scope."""
     return network_of(scope["client"][0]) if scope.get("client") else ""
 
 
@@ -95,5 +92,5 @@ class RequestPace:
 
 
 def refusal(reason: str, status: int, *, seconds: float = 0.0) -> JSONResponse:
-    """An answer that says why, and where there are any, after how many seconds to try again."""
+    """An answer that says why, and after how many seconds to try again unless they are 0."""
     return JSONResponse({"error": reason}, status, {"retry-after": str(math.ceil(seconds))} if seconds else None)

@@ -38,8 +38,8 @@ MAX_TOOL_ROUNDS = 3  # rounds of tool calls before the model must answer in word
 MAX_TOKENS = 300
 MOST_LETTERS = 2_000
 LOCAL_SERVERS = {"Ollama": 11434, "LM Studio": 1234, "vLLM": 8000, "llama.cpp": 8080}  # and their usual ports
-LOOK_S = 0.3  # for an answer of one of them
-_NO_TALKER = re.compile("embed|bge|rerank|whisper|tts|clip", re.IGNORECASE)  # in names of models for other work
+LOOK_S = 0.3  # time for one of them to answer
+_NO_TALKER = re.compile("embed|bge|rerank|whisper|tts|clip", re.IGNORECASE)  # names of models that do not chat
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 # The default persona is the stage idol of the paper's appendix (System Prompt), in our own words.
 PERSONA = """\
@@ -75,7 +75,7 @@ class ChatModel:
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
-        self.name, self.hears = model, transcriber  # what hears; empty: `transcribe` does not work
+        self.name, self.hears = model, transcriber  # which model hears; empty: none
         self.where = where or urlsplit(url).hostname or ""
         self._takes_tools = True
         self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, transcriber, persona
@@ -167,7 +167,7 @@ Companion = ChatModel | Scripted
 
 
 def find_local(wished: str = "") -> tuple[str, str, str] | None:
-    """The first model server that answers on this machine: its name, its address, and a model of it that talks."""
+    """Name, address and model of the first server that answers here; the model is `wished`, or its first for chat."""
     for server, port in LOCAL_SERVERS.items():
         url = f"http://127.0.0.1:{port}/v1"
         try:
@@ -210,7 +210,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
     now: list[Companion] = []
 
     def companion(*, look: bool = False) -> Companion:
-        """The one that answers; `look` seeks a model of this machine again, which may have come or gone."""
+        """The companion; with `look`, search this machine again for a model server that came or went."""
         if not now or (look and not os.environ.get("ECHOAVATAR_CHAT_URL")):
             now[:] = [from_environment()]
         return now[0]
@@ -258,7 +258,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
 
 
 def local_ears(manager: SessionManager) -> Ears | None:
-    """What hears on this machine: anything, or the script's phrases, or nothing."""
+    """The speech recogniser of this machine, of any words or of the script's phrases; None without one."""
     return find_ears(tuple(phrases(manager.toolbox.schemas("openai-chat"))))
 
 

@@ -101,7 +101,7 @@ class Connection:
             self._left = left.code
         except OSError:
             self._left = 1006
-        except Exception:  # a fault of ours ends this connection, in words, and no other
+        except Exception:  # a fault of ours ends this connection only, with a message
             _LOG.exception("a connection failed")
             self._error = self._error or ProtocolError("internal", "the server made a mistake; connect again")
         if scope is not None:
@@ -184,7 +184,7 @@ class Connection:
                 raise ProtocolError("bad_order", "hello was said already")
 
     async def _hear(self, session: ServerSession, message: Audio) -> None:
-        """Take sound. That of the user is judged on the event loop, so others get a turn after each second."""
+        """Take sound. The user's is analysed on the event loop, so other connections get a turn after each second."""
         for part in split_audio(message, self._form) if message.speaker == "user" else (message,):
             session.hear(part)
             await anyio.lowlevel.checkpoint()
@@ -214,7 +214,7 @@ class Connection:
     async def _write(self, message: ServerMessage) -> None:
         try:
             content = encode(message, self._encoding)
-        except (ValueError, TypeError):  # text that no message can carry: the rest still arrives
+        except (ValueError, TypeError):  # text that cannot be encoded; other messages still arrive
             _LOG.exception("a message of type %s cannot be sent and is left out", type(message).__name__)
             return
         self._manager.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()

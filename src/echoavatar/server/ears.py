@@ -1,7 +1,7 @@
-"""What the page's microphone hears without a service: a Whisper model of a wheel, or a grammar of the script's phrases.
+"""Speech recognition for the page without a service: Whisper from a wheel, or a grammar of the script's phrases.
 
 A grammar alone hears one of its phrases in whatever is said. So a second decoder, with a language model of all English,
-hears the same sound, and a phrase counts only where that one heard nearly the same phonemes.
+hears the same sound, and a phrase counts only if the second decoder heard nearly the same phonemes.
 """
 
 import io
@@ -21,9 +21,9 @@ from echoavatar.errors import EchoAvatarError
 
 INSTALL = "pip install 'echoavatar[ears]'"
 RATE_HZ = 16_000
-LONGEST_S = 5.0  # of a turn that may be a phrase
-UNLIKE = 0.4  # phonemes that may differ, of those of the phrase; at 0.5 other speech was taken for phrases
-GUESSES = 6  # of the decoder of all English that are compared
+LONGEST_S = 5.0  # a longer turn is no phrase
+UNLIKE = 0.4  # share of a phrase's phonemes that may differ; at 0.5 other speech was taken for phrases
+GUESSES = 6  # hypotheses of the second decoder that are compared
 Samples = Float[np.ndarray, " s"]
 _BEFORE, _AFTER = ("please", "can you", "could you"), ("please", "for me")
 _LOADING = threading.Lock()
@@ -31,14 +31,14 @@ _LOG = logging.getLogger(__name__)
 
 
 class Ears(NamedTuple):
-    """What hears; `hear` returns the words in a WAV file, empty if nothing was understood."""
+    """A speech recogniser; `hear` returns the words in a WAV file, empty if nothing was understood."""
 
     name: str
     hear: Callable[[bytes], str]
 
 
 def find_ears(phrases: tuple[str, ...]) -> Ears | None:
-    """The best that is installed. The first call loads it; `phrases` is all that the grammar hears."""
+    """The best recogniser installed, or None. The first call loads it. The grammar hears `phrases` only."""
     with _LOADING:
         return _find(phrases)
 
@@ -128,7 +128,7 @@ def _grammar(phrases: Iterable[str]) -> Callable[[Samples], str]:
 
 
 def _plain(words: str) -> str:
-    """Words without the numbers of their pronunciations."""
+    """Words without the numbers of pronunciations, such as in `the(2)`."""
     return " ".join(word.partition("(")[0] for word in words.split())
 
 

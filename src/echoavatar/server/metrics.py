@@ -13,7 +13,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        self.seats = Gauge("echoavatar_seats", "Sessions there can be", registry=self.registry)
+        self.seats = Gauge("echoavatar_seats", "Most sessions there can be", registry=self.registry)
         self.room = Gauge("echoavatar_room", "Sessions that the machine carries now", registry=self.registry)
         self.sessions = Gauge("echoavatar_sessions", "Sessions there are", registry=self.registry)
         self.connections = Gauge("echoavatar_connections", "Open connections", registry=self.registry)
@@ -28,13 +28,13 @@ class Metrics:
         self.messages = Counter("echoavatar_messages", "Messages", ["direction", "type"], registry=self.registry)
         self.errors = Counter("echoavatar_errors", "Errors told to clients", ["code"], registry=self.registry)
         self.refused = Counter("echoavatar_refused", "Connections refused before hello", registry=self.registry)
-        self.dropped = Counter("echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry)
+        self.dropped = Counter("echoavatar_dropped_motion", "Motion not sent to slow clients", registry=self.registry)
         self.interrupts = Counter("echoavatar_interrupts", "Barge-ins", registry=self.registry)
         self.resumed = Counter("echoavatar_resumed", "Sessions that came back", registry=self.registry)
         self.faults = Counter("echoavatar_session_faults", "Sessions that a fault ended", registry=self.registry)
         self.restarts = Counter("echoavatar_engine_restarts", "Restarts after a fault", registry=self.registry)
         self.viewers = Gauge("echoavatar_video_viewers", "WebRTC viewers", registry=self.registry)
-        self.pictures = Counter("echoavatar_video_pictures", "Of past viewers", ["fate"], registry=self.registry)
+        self.pictures = Counter("echoavatar_video_pictures", "For past viewers", ["fate"], registry=self.registry)
 
     def text(self) -> bytes:
         """The answer to `GET /metrics`."""

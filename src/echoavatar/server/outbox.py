@@ -7,26 +7,26 @@ from typing import NamedTuple
 
 import msgspec
 
-from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import Error, Motion, PackedSound, ServerMessage, Sound, SoundFormat, Stream
 
-MOST_MOTION = 16  # messages, 4 s
-MOST_SOUND = 128  # messages, 34 s
-MOST_OTHER = 512
+MOST_MOTION_S = 4.0
+MOST_SOUND_S = 34.0
+MOST_OTHER = 512  # messages
 
 
 class Outbox:
     """A bounded queue of messages, filled and emptied on the event loop."""
 
     def __init__(self, wants: Iterable[Stream] = ("motion", "audio"), sound: SoundFormat = "pcm") -> None:
-        self.sound = sound  # how the client takes it
-        self.dropped = 0  # motion messages
+        self.sound = sound  # the format in which the client takes sound
+        self.dropped = 0  # motion messages dropped so far
         self._wants = frozenset(wants)
         self._queue: deque[ServerMessage] = deque()
         self._filled = asyncio.Event()
         self._closed = False
-        self.is_hopeless = False
+        self.is_hopeless = False  # whether the connection is too slow for the sound
         self.error: ProtocolError | None = None  # why it was closed
 
     @property
@@ -44,18 +44,20 @@ class Outbox:
         if isinstance(message, Motion):
             if "motion" not in self._wants:
                 return
-            motions = [kept for kept in self._queue if isinstance(kept, Motion)]
-            if len(motions) >= MOST_MOTION:
-                self._queue.remove(motions[0])
+            earliest = message.at - MOST_MOTION_S * SAMPLE_RATE_HZ
+            for old in [kept for kept in self._queue if isinstance(kept, Motion) and kept.at < earliest]:
+                self._queue.remove(old)
                 self.dropped += 1
-        elif isinstance(message, Sound | PackedSound) and "audio" not in self._wants:
-            return
+        elif isinstance(message, Sound | PackedSound):
+            if "audio" not in self._wants:
+                return
+            oldest = next((kept.at for kept in self._queue if isinstance(kept, Sound | PackedSound)), message.at)
+            self.is_hopeless = message.at - oldest > MOST_SOUND_S * SAMPLE_RATE_HZ
         self._queue.append(message)
         self._filled.set()
-        sounds = (
-            sum(isinstance(kept, Sound | PackedSound) for kept in self._queue) if len(self._queue) > MOST_SOUND else 0
-        )
-        self.is_hopeless = sounds > MOST_SOUND or len(self._queue) - sounds > MOST_OTHER
+        if len(self._queue) > MOST_OTHER:
+            others = sum(not isinstance(kept, Motion | Sound | PackedSound) for kept in self._queue)
+            self.is_hopeless = self.is_hopeless or others > MOST_OTHER
 
     def forget_after(self, at: int) -> None:
         """Drop motion and sound from clock `at` on, which were taken back."""
@@ -79,24 +81,24 @@ class Outbox:
         self.put(Error(code=error.code, message=str(error), fatal=error.fatal, retry_after=error.retry_after))
 
     def fail(self, error: ProtocolError) -> None:
-        """Queue an error, and close with its code."""
+        """Queue an error, and close the connection with its code."""
         self.warn(error)
         self.error = self.error or error
         self.close()
 
     def close(self) -> None:
-        """Send the queued messages, and no more."""
+        """Take no more messages; those in the queue are still sent."""
         self._closed = True
         self._filled.set()
 
     def clear(self) -> None:
-        """The client is gone."""
+        """The client is gone: drop all messages."""
         self._closed = True
         self._queue.clear()
 
 
 class Relay(Outbox):
-    """Passes a session's messages on at once; nothing is queued. The session counts it as a client that plays."""
+    """Passes a session's messages on at once; nothing is queued."""
 
     def __init__(
         self,
@@ -104,13 +106,13 @@ class Relay(Outbox):
         has_source: Callable[[], bool],
         on_close: Callable[[], None] = lambda: None,
     ) -> None:
-        """`take` receives each message, `has_source` tells whether the session has a source now."""
+        """`take` receives each message, `has_source` says whether the session has a source now."""
         super().__init__()
         self._take, self._has_source, self._on_close = take, has_source, on_close
 
     @property
     def plays(self) -> bool:
-        """Only while the session has a source: a source that returns finds its session where it left it."""
+        """Only while the session has a source: one that returns finds the session where it left it."""
         return self._has_source()
 
     def put(self, message: ServerMessage) -> None:
@@ -128,7 +130,7 @@ class Sent(NamedTuple):
 
     motion: Motion
     sound: Sound
-    packed: PackedSound | None  # the same sound, if a client took it so
+    packed: PackedSound | None  # the same sound as Opus, if a client takes that
 
     @property
     def end(self) -> int:
@@ -136,7 +138,7 @@ class Sent(NamedTuple):
         return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
 
     def as_of(self, epoch: int) -> "Sent":
-        """The same for a client that joins in a later epoch: nothing has taken it back."""
+        """The same chunk for a client that joins in a later epoch, in which it is still valid."""
         renew = msgspec.structs.replace
         packed = None if self.packed is None else renew(self.packed, epoch=epoch)
         return Sent(renew(self.motion, epoch=epoch), renew(self.sound, epoch=epoch), packed)

@@ -59,7 +59,7 @@ class _Static(StaticFiles):
 
 
 class _Built(_Static):
-    """Built files, whose addresses in the page hold a hash of what is in them, so that they never change."""
+    """Built files. Their names hold a hash of their content, so a browser may keep them for ever."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
@@ -112,7 +112,7 @@ def file_answer(
 
 
 async def _avatar(request: Request) -> Response:
-    """`?character=` chooses one; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
+    """A character's GLB: `?character=` chooses it; `?level=` 0 to 2 has less detail and needs a meshopt decoder."""
     name, level = request.query_params.get("character", CHARACTERS[0]), request.query_params.get("level", "")
     if name not in CHARACTERS:
         return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404, _SHARED)

@@ -26,9 +26,9 @@ from echoavatar.wire.sockets import CONNECTIONS, WebServer
 from .session_manager import SessionManager
 from .settings import ServerSettings
 
-HELLO_BYTES = 1 << 20  # from a client that was not answered yet
-REFUSED_S = 10.0  # for the rest of a message that is too long, which is thrown away
-QUIET_S = 0.5  # without any more of it
+HELLO_BYTES = 1 << 20  # most bytes from a client that was not answered yet
+REFUSED_S = 10.0  # longest time in which the rest of a refused message is read and thrown away
+QUIET_S = 0.5  # a refused connection that sends nothing for so long is closed
 CLOSE_S = 3.0  # for a client's answer to our close
 CONTROL_FRAMES_A_SECOND = 10.0  # pings and pongs of one WebSocket
 CONTROL_FRAMES_AT_ONCE = 50.0
@@ -78,7 +78,7 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         return message
 
     def handle_parser_exception(self) -> None:
-        """What came breaks WebSocket's rules, or is too long: the client is told which, before the close."""
+        """A message breaks WebSocket's rules or is too long: the client is told which, before the close."""
         assert self.conn.close_sent is not None
         if self.conn.close_sent.code == CLOSE_CODES["too_large"]:
             self._refuse(TOO_LARGE)

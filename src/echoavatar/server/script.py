@@ -1,4 +1,4 @@
-"""The companion's script: phrases, what it says and does at each, and what it says that it can do at any other.
+"""The companion's script: phrases, the words and actions that answer each, and an answer to anything else.
 
 Its choice among several lines depends on the length of the conversation only, so the same conversation always goes the
 same way. If asked, it says that it is a script.
@@ -14,7 +14,7 @@ ACTION_LINES = (
     "For you, Producer, with extra elbow.",
     "That? In my sleep. But look how I do it awake.",
 )
-# What it can do, for what it does not understand.
+# The answers to what it does not understand.
 FALLBACKS = (
     ("I did not understand that. I can wave, nod, bow, point, clap or think; say music, and I dance.", "thinking"),
     ("I am a script with few words. Ask me to wave, to bow or to look around; say music, or say stop.", "give_up"),
@@ -50,7 +50,7 @@ class ToolAccess(NamedTuple):
 
 
 class Cue(NamedTuple):
-    """Phrases, the lines to say if one is said, and the tool and action that go with them."""
+    """Phrases, the lines that answer them, and the tool and action that go with the lines."""
 
     phrases: tuple[str, ...]
     lines: tuple[str, ...]

@@ -46,16 +46,16 @@ if TYPE_CHECKING:
     from .tracing import SessionTrace
 
 _LOG = logging.getLogger(__name__)
-MOST_FLUSHES = 64  # that are kept for clients that resume
-_NUMBERS = itertools.count(1)  # of what tools ask for
-KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
+MOST_FLUSHES = 64  # kept for clients that resume
+_NUMBERS = itertools.count(1)  # for the ids of requests from tools
+KEPT_S = 8.0  # how long sent motion and sound are kept for clients that join or resume
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
 
 def answer(
     id: str, name: str, status: ActionState, at: int, *, reason: str = "", choices: tuple[str, ...] = ()
 ) -> ActionStatus:
-    """A status of something that was asked for."""
+    """The status of a requested action or track."""
     return ActionStatus(id=id, name=name, status=status, at=at, reason=reason, choices=choices)
 
 
@@ -68,7 +68,7 @@ class TrackWatch:
         self._is_heard = False
 
     def ask(self, id: str, title: str, at: int) -> list[ActionStatus]:
-        """A track is to play, in place of the one that plays."""
+        """A track was asked for, in place of the one that plays."""
         ended = self._end(at, "another track was asked for")
         self.title, self._id, self._is_heard = title, id, False
         return [*ended, answer(id, title, "accepted", at)]
@@ -103,7 +103,7 @@ class ServerSession:
         """`core` must be paced (`Engine.open_core`)."""
         self.core = core
         self.name, self.key = name, key
-        self.is_renewed = False  # the key is new, and the one before it is not spent yet
+        self.is_renewed = False  # the key is new, and the old one is still valid
         self.speech = UtteranceReader(hello.audio)
         self.pacer = Pacer(core, settings.ahead_seconds)
         self.listeners: list[Outbox] = []
@@ -115,7 +115,7 @@ class ServerSession:
         self.sent: deque[Sent] = deque()
         self._flushes: deque[Flush] = deque(maxlen=MOST_FLUSHES)
         self.trace: SessionTrace | None = None
-        self.on_change: Callable[[], None] = lambda: None  # called when `keep_pace` has a reason to be
+        self.on_change: Callable[[], None] = lambda: None  # called when `keep_pace` should be called
         self._clock = clock
         self._actions, self._size = actions, core.chunk.samples
         self._user_speech = UtteranceReader(hello.audio)
@@ -136,7 +136,7 @@ class ServerSession:
     # ---- clients
 
     def missed_flush(self, epoch: int | None) -> Flush | None:
-        """One flush for all those that a client of an earlier epoch has missed."""
+        """One flush in place of all that a client of an earlier epoch has missed; None if it missed none."""
         missed = [flush for flush in self._flushes if epoch is not None and flush.epoch > epoch]
         return msgspec.structs.replace(missed[-1], at=min(flush.at for flush in missed)) if missed else None
 
@@ -163,7 +163,7 @@ class ServerSession:
             self.listeners.remove(outbox)
         if self.source is outbox:
             self.source, self.left_at = None, self._clock()
-            self.pacer.playhead.pause()  # its last report does not bind those who watch on
+            self.pacer.playhead.pause()  # its last report does not stop the viewers that are left
         self._follow_player()
         self.on_change()
 
@@ -172,12 +172,12 @@ class ServerSession:
         self._tell_each(lambda outbox: outbox.put(message))
 
     def _tell_each(self, put: Callable[[Outbox], None]) -> None:
-        """Call `put` for every client. A client to which nothing can be told is let go; the others notice nothing."""
+        """Call `put` for every client. A client for which that fails is dropped; the others notice nothing."""
         for outbox in list(self.listeners):
             try:
                 put(outbox)
             except Exception:
-                _LOG.exception("a client of session %s cannot be told anything; it is let go", self.name)
+                _LOG.exception("no message can be passed to a client of session %s; it is dropped", self.name)
                 self.listeners.remove(outbox)
                 outbox.error = ProtocolError("internal", "the server could not pass a message on; connect again")
                 outbox.close()
@@ -240,7 +240,7 @@ class ServerSession:
         self.on_change()
 
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
-        """Begin an action; clients receive its statuses. Without an `id`, as of a tool, it gets one."""
+        """Begin an action; clients receive its statuses. A request without an `id`, as from a tool, gets one."""
         self._follow_player()
         asked = self.core.act(name, intensity=intensity, hold_s=hold_s, id=id or f"tool-{next(_NUMBERS)}")
         self._tell_statuses()
@@ -268,7 +268,7 @@ class ServerSession:
     def played(self, message: Played, outbox: Outbox) -> None:
         """Take a client's report of its position; reports from before the last flush are ignored.
 
-        Only the source's moves the playhead, so that no viewer can hold up speech that is not its own.
+        Only the source's reports move the playhead, so that no viewer can hold up the source's speech.
         """
         if outbox is self.source and message.epoch >= self.epoch:
             self.pacer.playhead.report(message.at, self._clock(), self.end)
@@ -291,7 +291,7 @@ class ServerSession:
     def keep_pace(self, *, early: bool = False) -> bool:
         """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`).
 
-        Returns whether one was due at once.
+        Returns whether a chunk was due at once.
         """
         if not self._follow_player():
             return False
@@ -303,11 +303,11 @@ class ServerSession:
 
     @property
     def deadline(self) -> float | None:
-        """When `keep_pace` must be called again; None if `on_change` or new motion comes before."""
+        """When `keep_pace` must be called again; None if that needs `on_change` or new motion first."""
         return self.pacer.deadline(self._clock(), self.end) if self._is_watched else None
 
     def _follow_player(self) -> bool:
-        """Advance the playhead to the present; without a player it stands still. Returns whether there is one."""
+        """Advance the playhead to the present; it stands still while no client plays. Returns whether one does."""
         is_watched = self._is_watched
         if is_watched:
             self.pacer.advance(self._clock(), self.end)

@@ -41,7 +41,7 @@ from .waiting import RETRY_S, WaitingList
 _LOG = logging.getLogger(__name__)
 MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
-TRIM_S = 20.0  # between returns of freed memory
+TRIM_S = 20.0  # between returns of freed memory to the system
 DRAIN_S = 0.02  # between looks at sessions that are to end
 GOODBYE_S = 3.0  # time for the last messages to every client
 
@@ -217,7 +217,7 @@ class SessionManager:
         return session
 
     def confirm(self, session: ServerSession, outbox: Outbox) -> None:
-        """The source has spoken after its `ready`, so it has the new key: the one that it resumed with is spent."""
+        """A message came after `ready`, so the source has the new key; the one that it resumed with is void now."""
         if session.is_renewed and session.source is outbox:
             self._keep_keys(session, session.key)
             session.is_renewed = False
@@ -313,7 +313,7 @@ class SessionManager:
         if is_due and self.engine.is_batched:
             for other in [each for each in self._sessions.values() if each is not session]:
                 try:
-                    other.keep_pace(early=True)  # goes along; its alarm stays
+                    other.keep_pace(early=True)  # it joins the batch; its alarm stays
                 except Exception:
                     self._lose(other)
         self._sinks.follow(self._sessions.values())
@@ -328,7 +328,7 @@ class SessionManager:
             self._set_alarm(session, loop.call_later(max(0.0, deadline - time.monotonic()), self._advance, session))
 
     def _lose(self, session: ServerSession) -> None:
-        """A fault ends a session; called while it is handled."""
+        """End a session after a fault; call it in the fault's `except`, which gives the log its traceback."""
         _LOG.exception("session %s failed", session.name, extra={"session": session.name})
         self.metrics.faults.inc()
         for outbox in list(session.listeners):

@@ -15,7 +15,7 @@ from .clients import ClientRates
 class ServerSettings:
     """Everything that an operator decides, except the number of seats, which is the engine's."""
 
-    name: str = ""  # of this server among several, sent in `ready`
+    name: str = ""  # tells this server from others, sent in `ready`
     token: str = ""  # empty: clients need none
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect, such as https://avatar.example.org
     inbox_seconds: float = 120.0  # speech that may wait
@@ -25,12 +25,12 @@ class ServerSettings:
     hello_seconds: float = 10.0  # a client must send hello in this time
     drain_seconds: float = 10.0  # at shutdown, for speech to end
     connections: int = 256  # WebSockets at once, sources and viewers
-    connections_per_address: int = 64  # of them
-    rates: ClientRates = field(default_factory=ClientRates)  # of one client
+    connections_per_address: int = 64  # WebSockets at once from one address
+    rates: ClientRates = field(default_factory=ClientRates)  # how often one client may ask
     proxies: tuple[str, ...] = ()  # addresses or networks whose X-Forwarded-For is believed
-    lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
+    lists_sessions: bool = True  # whether clients may ask for names of sessions; strangers who share a server may not
     music: Path | None = None  # folder of further tracks
-    tracer: Any = None  # an OpenTelemetry `Tracer` that is told of every chunk, see `tracing`
+    tracer: Any = None  # an OpenTelemetry `Tracer` that gets spans of every chunk, see `tracing`
     video: int = 0  # WebRTC viewers at once, each with a renderer; 0: no video
     video_size: tuple[int, int] = (512, 512)  # pixels
     video_renderer: Literal["cpu", "gpu"] = "cpu"  # rasteriser on the processor, or OpenGL

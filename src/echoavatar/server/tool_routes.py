@@ -20,9 +20,9 @@ from .clients import client_of, refusal
 from .session import ServerSession
 from .session_manager import SessionManager
 
-SECONDS = 15.0
+SECONDS = 15.0  # for a body to arrive
 MOST_BYTES = 16_384
-# Of protocol errors; others 400.
+# HTTP statuses of protocol errors; the others have 400.
 STATUSES = {"unauthorized": 401, "forbidden_origin": 403, "unknown_session": 404, "overloaded": 429}
 
 
@@ -51,7 +51,7 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
 
     async def sessions(request: Request) -> Response:
         if not lists_sessions(manager, request):
-            return refusal("this server does not say who is there; name a session", 403)
+            return refusal("this server does not list its sessions; name one", 403)
         return JSONResponse({"sessions": list(manager.names)})
 
     async def call(request: Request) -> Schema:
@@ -98,9 +98,9 @@ async def call_tool(manager: SessionManager, session: ServerSession, name: str, 
 def answering(
     manager: SessionManager, handle: Callable[[Request], Awaitable[object]], *, failure: int = 400
 ) -> Callable[[Request], Awaitable[Response]]:
-    """An endpoint that answers with the response or JSON that `handle` returns, or with its error.
+    """An endpoint that answers with the response or JSON that `handle` returns, or with its error (`failure`: status).
 
-    A request without the server's token is refused; too many wrong tokens from its address make that wait.
+    A request without the server's token is refused; an address that sent too many wrong tokens must wait.
     """
 
     async def answer(request: Request) -> Response:
@@ -117,7 +117,7 @@ def answering(
 
 
 def readable_by_pages(origins: tuple[str, ...], *methods: str) -> Middleware:
-    """Lets pages read a route's answers that pass `check_origin`: those of `origins` and, here, of this machine."""
+    """Let pages of `origins` and of this machine read a route's answers (CORS), as `check_origin` does."""
     return Middleware(
         CORSMiddleware,
         allow_origins=origins,
@@ -129,7 +129,7 @@ def readable_by_pages(origins: tuple[str, ...], *methods: str) -> Middleware:
 
 
 def lists_sessions(manager: SessionManager, request: Request) -> bool:
-    """Whether this client may know of sessions of others: not on a shared server, and not through a proxy."""
+    """Whether this client may know the sessions of others: not on a shared server, and not through a proxy."""
     is_forwarded = any(name in request.headers for name in ("forwarded", "x-forwarded-for"))
     return manager.settings.lists_sessions and not is_forwarded
 
@@ -141,7 +141,7 @@ def asked_session(manager: SessionManager, request: Request, message: dict[str, 
     """
     name = message.get("session") or ""
     if not isinstance(name, str) or not (name or lists_sessions(manager, request)):
-        raise ProtocolError("unknown_session", "name the session: this server does not say who is there")
+        raise ProtocolError("unknown_session", "name the session: this server does not list them")
     return manager.find(name)
 
 

@@ -1,4 +1,4 @@
-"""OpenTelemetry traces: for every chunk a trace from its sound on the socket to its pose, with the stages between.
+"""OpenTelemetry traces: one for every chunk, from the arrival of its sound to the sending of its pose.
 
 `chunk` begins when the oldest sound in it came, or when its silence was scheduled. Below it are `wait` (for its place
 on the clock), `queue` (for the engine), `step` with a span for each of the pipeline's stages, and `deliver`.
@@ -16,7 +16,7 @@ from echoavatar.engine import Engine
 from echoavatar.outgoing import proxy_for
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-MOST_OPEN = 64  # chunks of a session that are scheduled and not shown, more than can be on their way
+MOST_OPEN = 64  # chunks of a session that are scheduled and not shown; more than can be on their way
 
 Times = list[tuple[str, int]]  # name of a stage, and its end in nanoseconds of `time.monotonic_ns`
 
@@ -33,7 +33,7 @@ def export_to(address: str) -> Tracer:
     from opentelemetry.sdk.trace.export import BatchSpanProcessor
 
     session = requests.Session()
-    session.trust_env = proxy_for(address) is not None  # or it would ask a proxy for this machine, too
+    session.trust_env = proxy_for(address) is not None  # otherwise a proxy would get requests to this machine, too
     provider = TracerProvider(resource=Resource.create({"service.name": "echoavatar"}))
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter(address, session=session)))
     tracer: Tracer = provider.get_tracer("echoavatar")
@@ -66,7 +66,7 @@ class SessionTrace:
 
     def __init__(self, tracing: Tracing, session: str) -> None:
         self._tracing, self._session = tracing, session
-        self._waiting: deque[tuple[float, int]] = deque()  # seconds of sound that wait, and when they came
+        self._waiting: deque[tuple[float, int]] = deque()  # seconds of sound that wait for a chunk, and when they came
         self._open: dict[int, Times] = {}  # by clock: stages in order; the first entry is the beginning
 
     def heard(self, samples: int, rate: int) -> None:

@@ -13,7 +13,7 @@ class UtteranceReader:
 
     def __init__(self, form: AudioFormat) -> None:
         self.seg = 0  # the newest utterance
-        self.received = 0  # samples of it, at the source's rate
+        self.received = 0  # samples of the newest utterance, at the source's rate
         self._form = form
         self._is_ended = True
         self._cut = 0  # utterances up to this one are ignored
@@ -46,7 +46,7 @@ class UtteranceReader:
         self.received += count
 
     def end(self, seg: int) -> bool:
-        """Mark an utterance as complete; returns False if it was already."""
+        """Mark an utterance as complete; returns False if it was complete or cut off already."""
         if self._is_past(seg):
             return False
         self.accept(seg, 0)

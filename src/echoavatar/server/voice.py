@@ -1,4 +1,4 @@
-"""Text to speech of the page: a voice of a wheel, a program of this machine, or a service that the operator names.
+"""Text to speech for the page: a voice from a wheel, a program of this machine, or a service that the operator names.
 
 `VOICES` is the table, the best first; what does not load is not offered. No text leaves the machine unless
 `ECHOAVATAR_VOICE_URL` says so. A text is said sentence by sentence, so that the first is heard while the next is made.
@@ -43,14 +43,14 @@ Samples = Float[np.ndarray, " s"]
 INSTALL = "pip install 'echoavatar[voice]'"
 MAX_LETTERS = 600
 PEAK, MOST_GAIN = 0.95, 2.4  # quiet voices are made louder
-QUIET, LEAD_SAMPLES = 0.02, 1_200  # of the peak, under which a voice has not begun; 0.05 s of it are kept
-_SECONDS = 20.0
-_AT_ONCE = 2
-_EARLY_S = 0.06  # by which Hibari's phonemes seem late beside a forced alignment
+QUIET, LEAD_SAMPLES = 0.02, 1_200  # a voice begins where it exceeds this share of its peak; 0.05 s before are kept
+_SECONDS = 20.0  # for one sentence
+_AT_ONCE = 2  # sentences made at the same time
+_EARLY_S = 0.06  # Hibari's phonemes are late by this much against a forced alignment
 _DURATIONS = "/Cast_32_output_0"  # inside Hibari's model: frames of each phoneme
 _TAG = re.compile(r"<[^<>]*>")
 _SENTENCE = re.compile(r"(?<!\b[A-Z]\.)(?<!\bDr\.)(?<!\bMr\.)(?<!\bMrs\.)(?<=[.!?…])\s+(?=\S)|\n+")
-# Words that are common in one language and in none of the others, which tell a text's language; else it is English.
+# Words that are common in one language and in none of the others. A text with too few of them counts as English.
 _TELLING = {
     "de": "der das und ist nicht ich ein eine zu mit auf für wir sie auch bin hallo guten danke bitte",
     "es": "el los las y es por para con yo muy pero está hola gracias buenos buenas qué cómo una soy",
@@ -58,7 +58,7 @@ _TELLING = {
     "it": "il gli e è di che non per sono con ciao grazie buongiorno molto una questo della come sì mi",
 }
 _SCRIPTS = {"CJK": "cmn", "HIRAGANA": "ja", "KATAKANA": "ja", "HANGUL": "ko", "CYRILLIC": "ru", "ARABIC": "ar"}
-# Text and sound go through files, so no text can be taken for an option.
+# Text and sound pass through files, so no text can be taken for an option.
 _PROGRAMS: Mapping[str, tuple[str, ...]] = {
     "say": ("-f", "{text}", "-o", "{wav}", "--data-format=LEI16@22050"),
     "flite": ("-voice", "rms", "-f", "{text}", "-o", "{wav}"),
@@ -70,7 +70,7 @@ _LOADING = threading.Lock()
 
 
 class Said(NamedTuple):
-    """A sentence at 24 kHz. Words are (text, start, end) in seconds from its first sample; some voices tell none."""
+    """A spoken sentence, 24 kHz. Words are (text, start, end), seconds from its first sample; some voices have none."""
 
     samples: Samples
     words: tuple[tuple[str, float, float], ...] = ()
@@ -129,8 +129,8 @@ def _hibari() -> Speak:
     try:
         durations: Any = _Durations(tts.model_path)
         tts.sess, normalize = durations, import_module("hibari.g2p.normalize").normalize
-    except Exception as error:  # its insides differ from those of 0.2: it speaks, without words
-        _LOG.warning("hibari tells no times of words (%s); the avatar moves to the sound alone", error)
+    except Exception as error:  # a version other than 0.2: it speaks, without times of words
+        _LOG.warning("hibari gives no times of words (%s); the avatar moves to the sound alone", error)
         durations = None
     lock = threading.Lock()
 
@@ -219,7 +219,7 @@ VOICES = [
 
 
 def voices() -> list[Voice]:
-    """The voices that are there, the best first. The first call loads them, which takes about a second."""
+    """The voices that load here, the best first. The first call loads them, which takes about a second."""
     with _LOADING:
         return _load()
 
@@ -243,7 +243,7 @@ def find_voice() -> str:
 
 
 def language_of(text: str) -> str:
-    """The likely language of a text: by its letters, or by common words; without either it is English."""
+    """The likely language of a text, by letters or common words: "en" if neither tells, empty for other letters."""
     scripts = [unicodedata.name(letter, "").partition(" ")[0] for letter in text if letter.isalpha()]
     script = max(set(scripts), key=scripts.count, default="LATIN")
     if script != "LATIN":
@@ -261,7 +261,7 @@ def speak(text: str) -> Iterator[Said]:
         EchoAvatarError: the text is empty or too long, no voice speaks its language, or the voice failed.
     """
     if not text.strip() or len(text) > MAX_LETTERS:
-        raise EchoAvatarError(f"text of {len(text)} letters; say something, in at most {MAX_LETTERS}")
+        raise EchoAvatarError(f"the text has {len(text)} letters; send words, and at most {MAX_LETTERS} letters")
     language = language_of(text)
     able = [voice for voice in voices() if language and (not voice.languages or language in voice.languages.split())]
     if not able and language in ("en", *_TELLING):
@@ -287,7 +287,7 @@ def _sentences(voice: Voice, text: str, language: str) -> Iterator[Said]:
 
 
 def _made_ready(said: Said, *, is_first: bool) -> Said:
-    """The sentence at the level of speech; the first one begins at once."""
+    """The sentence at the level of speech, without the silence before the first one."""
     loud = np.abs(said.samples)
     peak = max(float(loud.max()), 1e-3)
     cut = max(int(np.argmax(loud > QUIET * peak)) - LEAD_SAMPLES, 0) if is_first else 0

@@ -146,13 +146,13 @@ class Viewer:
 
     @property
     def is_patient(self) -> bool:
-        """Whether it has waited for so long that it gives way to another client's viewer."""
+        """Whether it has tried to connect for so long that it gives way to another client's viewer."""
         return self.waits and time.monotonic() - self._began > GRACE_S
 
     async def answer(self, offer: str) -> str:
         """The SDP answer to an SDP offer; from here on the viewer is served.
 
-        Raises EchoAvatarError if that is no offer of ours to serve.
+        Raises EchoAvatarError if the offer cannot be served.
         """
         try:
             await self._peer.setRemoteDescription(RTCSessionDescription(offer, "offer"))
@@ -210,7 +210,7 @@ class Viewer:
             self._patience.cancel()
         try:
             await self._peer.close()
-        except Exception as error:  # aiortc's ends of what a broken offer began fail in many ways
+        except Exception as error:  # after a broken offer aiortc fails in many ways to close
             _LOG.info("a peer connection did not end well: %r", error)
         finally:
             await self.stream.close()
@@ -221,7 +221,7 @@ class VideoDesk:
     """All WebRTC viewers of a server."""
 
     def __init__(self, manager: SessionManager) -> None:
-        """Reads and draws the first character, so that the first viewer does not wait for that."""
+        """Reads and draws the first character, so that the first viewer does not wait for it."""
         self._manager, self._settings = manager, manager.settings
         self._viewers: dict[str, Viewer] = {}
         self._taken = 0  # renderers, also of viewers that are being answered or are ending
@@ -286,9 +286,9 @@ class VideoDesk:
     def _giving_way(self, client: str) -> Viewer | None:
         """The viewer that ends if all renderers are taken and a client asks for one.
 
-        It is the one that has tried to connect for longest, or else the newest of the client that has most, if those
-        are two more than the asking client has. The latter must have none that tries. So nobody keeps places from
-        others, neither by offers that are never followed up nor by many viewers.
+        It is the oldest one still connecting after `GRACE_S`; else the newest one of the client with most viewers, if
+        that client has at least two more than the asking one. None gives way while the asking client has a viewer that
+        is still connecting. So nobody can block others by offers that are never followed up, nor by many viewers.
         """
         viewers = list(self._viewers.values())
         if any(viewer.waits and viewer.client == client for viewer in viewers):

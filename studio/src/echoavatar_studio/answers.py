@@ -20,7 +20,7 @@ class AnswerRecord:
     role: str
     sound: str
     category: str
-    systems: tuple[str, ...]  # of the clips by place; empty: corrupted on purpose
+    systems: tuple[str, ...]  # the systems of the clips, by place; empty: corrupted on purpose
     ratings: Mapping[str, int]  # pairwise: towards place 0
     best: int | None  # preference: places
     worst: int | None

@@ -1,8 +1,8 @@
 """Backups: every row and every clip of a studio in one ZIP, which can be restored into an empty store.
 
 A backup is taken while the studio runs; one read transaction makes the rows consistent. The file fits either kind of
-store, so it also moves a studio from SQLite to PostgreSQL. It holds what the store holds, hashes of passwords and
-tokens and all answers: protect it like the store.
+store, so it also moves a studio from SQLite to PostgreSQL. It holds all answers, and hashes of passwords and tokens:
+protect it like the store.
 """
 
 import json
@@ -32,7 +32,7 @@ _ROWS = "rows.jsonl"
 _FORMAT = "echoavatar studio 1"
 _ROW_BYTES = 1 << 24  # the longest row of a table
 _ROWS_BYTES = 1 << 32
-_ROWS_PACKED = 100  # times smaller are rows in a ZIP at most, beyond _ROWS_ALWAYS
+_ROWS_PACKED = 100  # most by which a ZIP may shrink the rows, if they have more than _ROWS_ALWAYS bytes
 _ROWS_ALWAYS = 1 << 26
 _BACKUP_BYTES = 1 << 40
 
@@ -88,7 +88,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     except BaseException as error:
         for file in unpacked:
             file.unlink(missing_ok=True)
-            with suppress(OSError):  # there was something in it before
+            with suppress(OSError):  # the folder is not empty
                 file.parent.rmdir()
         if not isinstance(error, _FOREIGN):
             raise
@@ -150,7 +150,7 @@ def _restore_rows(session: Session, whole: zipfile.ZipFile, counts: dict[str, in
 
 
 def _go_on_counting(session: Session) -> None:
-    """PostgreSQL gives the next rows the numbers after those that were put back."""
+    """Let PostgreSQL number new rows after the restored ones."""
     for table in Table.metadata.sorted_tables:
         session.execute(
             text(

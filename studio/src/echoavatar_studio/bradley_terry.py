@@ -23,7 +23,7 @@ class Strengths(NamedTuple):
 
 
 def wins_of(count: int, outcomes: Sequence[tuple[int, int, float]]) -> Float[np.ndarray, "n n"]:
-    """wins[i, j]: how often i was preferred to j. Judgements are (i, j, rating towards i)."""
+    """wins[i, j]: how often i of `count` systems was preferred to j. Outcomes are (i, j, rating towards i)."""
     wins = np.zeros((count, count))
     for one, other, rating in outcomes:
         wins[one, other] += 0.5 + 0.5 * np.sign(rating)

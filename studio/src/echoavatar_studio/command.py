@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "\nThe form of study.yaml, the pages and the API: docs/studio.md.\n"
     )
     parser.add_argument(
-        "action", nargs="?", choices=ACTIONS, default="serve", help="(default: serve)", metavar="|".join(ACTIONS)
+        "action", nargs="?", choices=ACTIONS, default="serve", help="default: serve", metavar="|".join(ACTIONS)
     )
     parser.add_argument("--study", type=Path, action="append", default=[], metavar="YAML", help="make this study first")
     parser.add_argument("--folder", type=Path, help="folder of clips and data (default: studio; demo: studio-demo)")
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--store", metavar="URL", help="sqlite:///FILE or postgresql://USER@HOST/NAME (default: a file in the folder)"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8768, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8768, help="port; 0: any free one (default: %(default)s)")
     parser.add_argument(
         "--origin", action="append", default=[], metavar="URL", help="address under which a proxy shows the pages"
     )
@@ -59,10 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--certificate", "--tls-cert", metavar="PEM", help="TLS certificate, with --key: https")
     parser.add_argument("--key", "--tls-key", metavar="PEM", help="its private key, without a password")
     parser.add_argument("--model", default="default", help="demo: bundle (default: %(default)s)")
-    parser.add_argument("--name", default="owner", help="owner: whose password (default: %(default)s)")
-    parser.add_argument("--id", metavar="STUDY", help="export: which study (default: the newest)")
+    parser.add_argument("--name", default="owner", help="owner: name of the owner (default: %(default)s)")
+    parser.add_argument("--id", metavar="STUDY", help="export: the study's id (default: the newest)")
     parser.add_argument("-o", "--output", type=Path, help="export, simulate: folder; backup, restore: ZIP")
-    parser.add_argument("--no-browser", action="store_true", help="demo: only print where the page is")
+    parser.add_argument("--no-browser", action="store_true", help="demo: print the page's address without opening it")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -122,7 +122,7 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
     def ready(address: str) -> None:
         print(f"the studio is at {address}/  (Ctrl-C stops)", flush=True)
         if password:
-            print(f"owner: owner   password: {password}   (told once; change it with `studio owner`)", flush=True)
+            print(f"owner: owner   password: {password}   (shown once; change it with `studio owner`)", flush=True)
         if args.action == "demo":
             for study in actions.studies().studies:
                 if study.state == "open" and study.raters < study.raters_wanted:

@@ -36,7 +36,7 @@ SOUNDS: tuple[tuple[str, str, Category, float], ...] = (
 PREFERENCES = Preferences(
     worth={"EchoAvatar": 0.5, "Other sound": -0.3, "Half size": -0.2}, of_question={"beat_matching": 1.3}
 )
-_OTHER = (1, 0, 3, 2)  # whose motion "Other sound" gets
+_OTHER = (1, 0, 3, 2)  # number of the sound whose motion "Other sound" shows
 _RATERS, _LEFT = 12, 3
 
 

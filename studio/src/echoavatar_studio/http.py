@@ -1,4 +1,4 @@
-"""The way of every API request: limits, origin, session, CSRF, body, then the handler in a thread of its own.
+"""The checks of every API request (limits, origin, session, CSRF, body), then its handler, in a thread of its own.
 
 Every failure is answered with a `Problem`. Suspicious refusals also leave a line in the audit.
 """
@@ -83,7 +83,7 @@ class Call:
         """The public name of a study or a task in the path.
 
         Raises:
-            StudioError: no name of ours looks like this, so nothing has it.
+            StudioError: it cannot be the name of anything.
         """
         text = self.word(name)
         if not is_name(text):
@@ -150,7 +150,7 @@ class Gate:
             return done if isinstance(done, Response) else reply(done)
         except StoreAwayError:
             raise
-        except OSError as error:  # of the folder with sounds and clips
+        except OSError as error:  # the folder with sounds and clips is away
             raise StoreAwayError(str(error)) from error
         except StudioError as refusal:
             visitor = visitor or getattr(request.state, "visitor", None)
@@ -258,7 +258,7 @@ def decoded(call: Call, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(call.body, type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise StudioError("bad_request", f"this is no such message: {str(error)[:200]}") from error
+        raise StudioError("bad_request", f"the body is not valid: {str(error)[:200]}") from error
 
 
 def reply(message: msgspec.Struct, status: int = 200) -> Response:

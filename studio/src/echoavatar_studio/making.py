@@ -139,7 +139,7 @@ class Maker:
         while True:
             try:
                 with self.store.write() as session:
-                    if _study(session, public).state == "making":  # else an earlier try reached the disk after all
+                    if _study(session, public).state == "making":  # otherwise an earlier try reached the disk after all
                         change(session)
                     return
             except StoreAwayError as away:
@@ -195,8 +195,8 @@ class Maker:
 def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: Progress) -> list[Material]:
     """Make the clips of every system for every sound, system by system, so that only one model is in memory.
 
-    Every clip shows the same kind of face: where a system brings none, or its motion is to another sound, all faces of
-    the study are neutral, so that no face tells a system. A muted study has silence for sound.
+    If a system has no face, or its motion belongs to another sound, all faces of the study are neutral, so that no face
+    gives a system away. A muted study has silence for sound.
     """
     cuts = read_sounds(settings.sounds, base, seconds=settings.seconds)
     total, done = len(cuts) * len(settings.systems), 0

@@ -13,8 +13,8 @@ from .store import Store
 from .tables import Block, Invitation, Rater, Task
 from .wire_owner import RaterRow, Raters
 
-_TOLERANCE = 1  # of ratings of identical clips
-_FEWEST_SHARED = 5
+_TOLERANCE = 1  # largest rating of identical clips that passes
+_FEWEST_SHARED = 5  # trials that others rated too; fewer give no agreement
 
 
 def rater_rows(store: Store, public: str) -> Raters:

@@ -1,8 +1,8 @@
-"""A study from end to end with made-up raters: made, judged, checked and evaluated. No number of it is about motion.
+"""A study from end to end with made-up raters: made, judged, checked and evaluated. It says nothing about motion.
 
-It shows whether the design finds preferences that are known: raters prefer the systems in the order of the settings,
-and motion to its own sound over mismatched motion. Every eighth rater answers by lot. Whoever fails an attention check
-is excluded, as GENEA does, and their tasks are given to nobody again.
+It shows whether the design finds known preferences: raters prefer the systems in the order of the settings, and motion
+to its own sound over mismatched motion. Every eighth rater answers at random. Raters that fail an attention check are
+excluded, as in GENEA, and no other rater takes over their tasks.
 """
 
 from pathlib import Path
@@ -27,13 +27,13 @@ class Found(NamedTuple):
     second: str
     category: str
     question: Question
-    gap: float  # of made-up worth, towards the first
+    gap: float  # made-up worth of the first minus that of the second
     mean: float
     half: float | None  # of the 95 % interval over raters
 
     @property
     def is_right(self) -> bool:
-        """Whether the study says which of the two is preferred, and says it rightly."""
+        """Whether the study finds a preference, and the right one."""
         return self.half is not None and abs(self.mean) > self.half and (self.mean > 0) == (self.gap > 0)
 
 

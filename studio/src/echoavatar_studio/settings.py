@@ -102,11 +102,11 @@ class PairwiseStudy(_Study):
         for system in self.systems:
             if system.mismatched is not None and made.get(system.mismatched) != system.group:
                 raise ValueError(
-                    f"system {system.name!r} is mismatched of {system.mismatched!r}, which must be a system of its own"
+                    f"system {system.name!r}: mismatched is {system.mismatched!r}, which must be a system of its own"
                     " group with a model or a folder"
                 )
         if lone := [group for group in groups if groups.count(group) == 1]:
-            raise ValueError(f"group {lone[0]!r} has one system; at least two must meet")
+            raise ValueError(f"group {lone[0]!r} has one system; a group needs at least two")
         return self
 
 

@@ -29,7 +29,7 @@ class Preferences:
 
     worth: Mapping[str, float]  # by system
     noise: float = 0.8
-    of_question: Mapping[Question, float] | None = None  # factor on differences of worth; 1 if not given
+    of_question: Mapping[Question, float] | None = None  # factor on differences of worth, 1 if absent
     skips: float = 0.05  # preference: share of skips
     careless: float = 0.0  # share of random answers
 

@@ -29,14 +29,14 @@ class SoundCut(NamedTuple):
     """A stretch of a sound file."""
 
     name: str
-    stem: str  # of the file
+    stem: str  # name of the file without its suffix
     category: Category
     start: float  # seconds
     audio: Float[np.ndarray, " s"]  # 24 kHz mono
 
 
 def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | None) -> list[SoundCut]:
-    """Read `seconds` of every file that is named (None: the whole file); names are made unique.
+    """Read `seconds` of every chosen file (None: the whole file); names are made unique.
 
     Raises:
         AudioError: a file is missing, cannot be read, or is too short.
@@ -64,7 +64,7 @@ def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | 
     return cuts
 
 
-# Motion as long as a cut, and the seed it was made with; for the cut and its number.
+# From a cut and its number: motion as long as the cut, and the seed it was made with.
 Performer = Callable[[SoundCut, int], tuple[Performance, int | None]]
 
 
@@ -93,10 +93,10 @@ def perform(system: SystemChoice, base: Path) -> Performer:
 
 
 def from_folder(folder: Path, name: str, cut: SoundCut) -> Performance:
-    """The motion file of a system that is named after the sound's, cut at the same second.
+    """A system's motion from the file that is named after the sound file, cut at the same second.
 
     Raises:
-        MotionError: there is none, it is damaged, or it is too short.
+        MotionError: there is no such file, it is damaged, or it is too short.
     """
     paths = [folder / f"{cut.stem}{suffix}" for suffix in (".npz", ".bvh")]
     path = next((path for path in paths if path.is_file()), None)
@@ -119,7 +119,7 @@ def from_folder(folder: Path, name: str, cut: SoundCut) -> Performance:
 
 
 def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:
-    """The ARKit curves that `animate` wrote beside the motion, resampled to our rate."""
+    """The ARKit curves that `animate` wrote beside the motion; None without any at 30 fps."""
     if path.suffix != ".npz":
         return None
     with NpzArrays(path, MotionError) as stored:
@@ -155,7 +155,7 @@ def inside(base: Path, paths: Sequence[str]) -> None:
     """Raise unless every path is below `base`: a study that is set up in the page may read only the library.
 
     Raises:
-        EchoAvatarError: a path leads out of it.
+        EchoAvatarError: a path leads out of `base`.
     """
     root = base.resolve()
     for path in paths:

@@ -59,7 +59,7 @@ class Store:
         try:
             migrate(self.engine)
         except BaseException as error:
-            self.engine.dispose()  # what failed has a connection in the pool, which nobody else would close
+            self.engine.dispose()  # the failed migration's connection is in the pool, and nothing else closes it
             if not isinstance(error, DBAPIError):
                 raise
             raise EchoAvatarError(
@@ -125,7 +125,7 @@ class Store:
             self._lock.release()
 
     def _let_go(self, connection: object, record: ConnectionPoolEntry) -> None:
-        """A connection comes back to a pool that nobody uses any more."""
+        """Close a connection that comes back after `close`."""
         del connection
         if self._is_closed:
             record.invalidate()

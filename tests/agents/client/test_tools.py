@@ -45,7 +45,7 @@ def test_without_a_name_the_newest_session_is_used(server: RunningServer) -> Non
 def test_failed_calls_are_rejected_not_raised(server: RunningServer) -> None:
     nobody = RemoteTools(server.address).call("send_action", {"action": "wave"})
     assert nobody["status"] == "rejected"
-    assert "nobody is shown yet: open http" in nobody["reason"]
+    assert "no session yet: open http" in nobody["reason"]
     with server.call(Hello()):
         tools = RemoteTools(server.address)
         assert "there are: wave, bow" in tools.call("send_action", {"action": "fly"})["reason"]

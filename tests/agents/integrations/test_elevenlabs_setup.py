@@ -140,5 +140,5 @@ def test_the_sdk_takes_the_same_requests(service: tuple[str, Service]) -> None:
 )
 def test_a_service_that_answers_nonsense_is_one_error(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("echoavatar.outgoing.ask", lambda *_, **__: told)
-    with pytest.raises(EchoAvatarError, match="is it their service"):
+    with pytest.raises(EchoAvatarError, match="is this ElevenLabs"):
         carry_out(make_plan(schemas("wave"), "", name="n"), api_key="secret")

@@ -45,10 +45,10 @@ from .utterances import UtteranceQueue
 
 TIMEOUT_S = 10.0
 CLOSE_S = 2.0  # for the server's farewell
-RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
+RECONNECT_ATTEMPTS = 6  # the pauses between attempts grow to one second
 STEADY_S = 5.0  # a connection that breaks sooner is not reopened at once
-LEAST_PING_S = 0.1  # whatever the server asks for
-_RECONNECT_CODES = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # after which reconnecting makes sense
+LEAST_PING_S = 0.1  # shortest time between pings, even if the server asks for less
+_RECONNECT_CODES = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # close codes after which reconnecting makes sense
 
 
 class ConnectionLostError(EchoAvatarError):
@@ -71,10 +71,11 @@ class _OneOrigin(connect_websocket):
 async def open_websocket(url: str, **options: Any) -> ClientConnection:
     """Connect a WebSocket: through the proxy that `outgoing.proxy_for` names, to this origin only, and logging nothing.
 
-    `options` are those of the library. May raise, besides its errors:
+    `options` are those of the websockets library.
 
     Raises:
-        DependencyError: the proxy is one of SOCKS.
+        DependencyError: the proxy speaks SOCKS, and python-socks is missing.
+        OSError, TimeoutError, WebSocketException: the library cannot connect.
     """
     proxy = await asyncio.to_thread(outgoing.proxy_for, url)
     try:
@@ -115,7 +116,8 @@ class Avatar:
     async def speak(self, samples: np.ndarray, *, end: bool = True, words: Iterable[Sequence[Any]] = ()) -> int:
         """Say samples: mono, at the rate given to `connect`, floats in -1..1 or int16. Returns the utterance's number.
 
-        With `end=False` the next call continues the same utterance. `words` are as in `words`.
+        With `end=False` the next call continues the same utterance. `words` are as in the method `words`. Raises
+        EchoAvatarError if the samples have another shape or type, or are not finite.
         """
         seg = self._utterances.add(_pcm(samples), end=end)
         if words:
@@ -124,7 +126,7 @@ class Avatar:
         return seg
 
     async def words(self, words: Iterable[Sequence[Any]], *, seg: int = 0) -> None:
-        """Tell words of utterance `seg`, or of the next that `speak` begins: (text, start) or (text, start, end).
+        """Send words of utterance `seg` (0: the next that `speak` begins): (text, start) or (text, start, end).
 
         Times are seconds from its first sample, in order. Some words get a gesture that shows what they mean.
         """
@@ -132,7 +134,7 @@ class Avatar:
         await self.send(Words(seg=seg or self._utterances.seg + 1, words=told))
 
     async def interrupt(self, heard: int | None = None) -> None:
-        """Stop speaking; `heard` is the clock of the first sample that the listener did not hear."""
+        """Stop speaking. `heard`: the clock of the first sample that was not heard (None: the server's estimate)."""
         self._utterances.interrupt()
         await self.send(Interrupt(heard=heard, seg=self._utterances.seg))
 
@@ -147,7 +149,7 @@ class Avatar:
         await self.send(Manner(liveliness=liveliness, handedness=handedness))
 
     async def play_music(self, title: str = "") -> str:
-        """Play one of `ready.tracks`."""
+        """Play one of `ready.tracks` (empty: the first); its id comes back in `ActionStatus` messages."""
         request = Music(id=next(self._ids), op="play", title=title)
         await self.send(request)
         return request.id
@@ -157,7 +159,7 @@ class Avatar:
         await self.send(Music(id=next(self._ids), op="stop"))
 
     async def played(self, at: int) -> None:
-        """Report how far playback is; without reports the server goes by the wall clock."""
+        """Report the clock that playback has reached; without reports the server goes by the wall clock."""
         await self.send(Played(at=at, epoch=self.epoch))
 
     async def send(self, message: ClientMessage) -> None:
@@ -243,7 +245,7 @@ class Avatar:
         """Close the connection; the session ends."""
         if self._socket is not None:
             self._closing = asyncio.create_task(self._socket.close())
-            with suppress(ConnectionClosed, ConcurrencyError):  # where somebody else reads, nothing is left unread
+            with suppress(ConnectionClosed, ConcurrencyError):  # another reader reads the rest
                 while True:  # the library stops reading before unread messages; the farewell is behind them
                     await self._socket.recv(decode=False)
             await self._closing

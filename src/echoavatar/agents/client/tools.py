@@ -60,7 +60,7 @@ class RemoteTools:
             return outgoing.ask(self.base + path, body, headers=headers, seconds=TIMEOUT_S)
         except outgoing.OutgoingError as error:
             if error.status == 404 and body is not None and not self.session:
-                raise EchoAvatarError(f"nobody is shown yet: open {self.base} in a browser, then call again") from error
+                raise EchoAvatarError(f"no session yet: open {self.base} in a browser, then call again") from error
             if error.status:
                 raise EchoAvatarError(f"{outgoing.redacted(self.base)} refused: {_reason(error)}") from error
             raise ConnectionLostError(
@@ -69,7 +69,7 @@ class RemoteTools:
 
 
 def _reason(error: outgoing.OutgoingError) -> str:
-    """What our server says to a refused request, or else HTTP's status."""
+    """Why our server refused a request; HTTP's status if another server did."""
     try:
         return str(read_object(error.said, "the refusal")["error"])
     except (EchoAvatarError, KeyError):

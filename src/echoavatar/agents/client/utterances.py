@@ -42,7 +42,7 @@ class UtteranceQueue:
         return self._sent_s - self.received / SAMPLE_RATE_HZ
 
     def add(self, pcm: bytes, *, end: bool) -> int:
-        """Append sound, or begin a new utterance; returns the utterance's number."""
+        """Append sound to the open utterance, or begin one; returns its number. `end` closes it."""
         if not self._utterances or self._utterances[-1].is_ended:
             self.seg += 1
             self._utterances.append(Utterance(self.seg))

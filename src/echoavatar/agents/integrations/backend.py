@@ -22,6 +22,7 @@ def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | N
     """The backend at `where`: a server's address such as `http://127.0.0.1:8765`, or an engine, bundle name or folder.
 
     An engine or bundle runs in this process. `port` then serves its page, on this machine only; 0 takes any free port.
+    EchoAvatarError: the address is not valid.
     """
     if isinstance(where, str) and "://" in where:
         return AvatarBackend(stream_url(where), token)
@@ -29,7 +30,7 @@ def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | N
 
 
 class AvatarBackend:
-    """A server."""
+    """An avatar server at an address."""
 
     def __init__(self, url: str, token: str) -> None:
         self._url, self._token = url, token
@@ -49,7 +50,7 @@ class AvatarBackend:
         return await RemoteTools(await self._reach(), token=self._token, session=session).call_async(name, arguments)
 
     def page(self, session: str) -> str:
-        """Address of the server's page."""
+        """Address of the server's page, which watches this session."""
         key = f"#token={self._token}" if self._token else ""
         return f"{RemoteTools(self._url).base}/?watch={session}{key}"
 

@@ -40,7 +40,7 @@ LEAD_S = 0.25  # a chunk is released this long before it is due: less than the l
 REPORT_S = 0.2
 REPLY_TIMEOUT_S = 5.0  # a healthy server answers sooner
 _POLL_S = 0.01
-Speech = np.ndarray | bytes | bytearray | memoryview  # int16, channels beside each other; bytes may end in a sample
+Speech = np.ndarray | bytes | bytearray | memoryview  # int16, channels interleaved; bytes may end within a sample
 
 
 class SpeechResampler:
@@ -50,13 +50,13 @@ class SpeechResampler:
         self.reset()
 
     def reset(self) -> None:
-        """Drop samples that have not come out yet."""
+        """Drop samples that the resampler still holds."""
         self._form, self._decoder = (SAMPLE_RATE_HZ, 1), Decoder()
 
     def push(self, pcm: Speech, rate: int, channels: int = 1) -> Pcm:
         """Resample a block; some of its samples may come out with the next block.
 
-        A service that passes on what it reads cuts samples in two, and then the next block has the other half.
+        A block of bytes may end within a sample; the next block then begins with the rest of it.
         """
         if (rate, channels) != self._form:
             self._form, self._decoder = (rate, channels), Decoder("pcm", rate, channels)
@@ -76,7 +76,7 @@ class AvatarBridge:
         """`body` says how far the avatar may walk, such as `BodyOptions(leash_m=0.5)`; by default anywhere."""
         self.backend = backend
         self.playback = Playback(0, 0.0)
-        self.said_s = 0.0  # seconds of speech in the utterance that is open
+        self.said_s = 0.0  # seconds of speech in the open utterance
         self._hello = Hello(seed=seed, body=body or BodyOptions())
         self._avatar: Avatar | None = None
         self._events: deque[Event] = deque()
@@ -89,8 +89,8 @@ class AvatarBridge:
         self._clock_offset = 0  # bridge's clock minus session's; not 0 after a lost session was replaced
         self._pending_flush: asyncio.Future[Flush] | None = None
         self._agent_resampler, self._user_resampler = SpeechResampler(), SpeechResampler()
-        self._text = TimedText()  # of the utterance that is open, or of the next one
-        self._is_speaking = False  # an utterance is open
+        self._text = TimedText()  # of the open utterance, or of the next one
+        self._is_speaking = False  # whether an utterance is open
         self._has_unreleased_speech = False
         self._seg, self._cut_seg = 0, 0  # the newest utterance; the newest that was cut off
         self._user_samples = 0
@@ -151,7 +151,7 @@ class AvatarBridge:
         return self._seg
 
     async def words(self, text: Iterable[Word]) -> None:
-        """Tell timed text of the utterance that is open, or of the next one; see `Avatar.words`.
+        """Send timed text of the open utterance, or of the next one; see `Avatar.words`.
 
         Its pieces may be of any size, such as letters: words end at white space, and with the utterance.
         """

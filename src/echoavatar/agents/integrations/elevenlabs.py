@@ -69,7 +69,8 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         `BodyOptions(leash_m=0.5)`, keeps the avatar near its place.
 
         Raises:
-            AudioError: ElevenLabs has no such format, or it is not one of samples.
+            AudioError: ElevenLabs has no such format, or it does not consist of samples.
+            EchoAvatarError: the address is not valid.
         """
         self._kind, rate = named_format(f"pcm_{sample_rate}" if isinstance(sample_rate, int) else sample_rate)
         if rate not in RATES or str(rate) not in str(sample_rate) or self._kind not in READABLE:
@@ -79,7 +80,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed, body=body)
         self._rate, self._device, self._on_event = rate, device, on_event
         self._decoder = Decoder(self._kind)
-        self._has_told = False  # of bytes that are a file
+        self._has_told = False  # whether the log says that the agent sends files
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
         self._speech: asyncio.Queue[bytes | AudioEventAlignment] = asyncio.Queue()
         self._tasks: list[asyncio.Task[None]] = []
@@ -158,7 +159,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         """Stop speaking at once: the user spoke."""
         while not self._speech.empty():
             self._speech.get_nowait()
-        self._decoder = Decoder(self._kind)  # without the first half of a sample
+        self._decoder = Decoder(self._kind)  # drops half a sample that the old one may hold
         if self._device is not None:
             await _maybe(self._device.interrupt())
             self._down.clear()
@@ -168,7 +169,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
     # ---- internals
 
     async def _speak(self) -> None:
-        begun_s = 0.0  # of the newest speech, in its utterance; its letters count from there
+        begun_s = 0.0  # where in its utterance the newest speech begins; times of its letters count from there
         while True:
             try:
                 async with asyncio.timeout(PAUSE_S):

@@ -16,8 +16,8 @@ Payload = dict[str, Any]
 BASE_URL = "https://api.elevenlabs.io"
 FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
 TIMEOUT_S = 30.0
-MOST_PAGES = 100  # of a list
-MOST_LETTERS = 200  # of an id or a name
+MOST_PAGES = 100  # most pages of a list
+MOST_LETTERS = 200  # most letters of an id or a name
 
 
 class Plan(NamedTuple):
@@ -100,7 +100,7 @@ class _Service:
             if not result.get("has_more") or not result.get("next_cursor"):
                 return
             query["cursor"] = str(result["next_cursor"])
-        raise EchoAvatarError(f"GET {path}: the list has more than {MOST_PAGES} pages; is it their service?")
+        raise EchoAvatarError(f"GET {path}: the list has more than {MOST_PAGES} pages; is this ElevenLabs?")
 
 
 def _text(answer: Any, *keys: str) -> str:
@@ -108,5 +108,5 @@ def _text(answer: Any, *keys: str) -> str:
     for key in keys:
         answer = answer.get(key) if isinstance(answer, dict) else None
     if not isinstance(answer, str) or not 0 < len(answer) <= MOST_LETTERS or not answer.isprintable():
-        raise EchoAvatarError(f"the service names no usable {' '.join(keys)} of what it has; is it their service?")
+        raise EchoAvatarError(f"the service's answer has no usable {' '.join(keys)}; is this ElevenLabs?")
     return answer

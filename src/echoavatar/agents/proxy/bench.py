@@ -48,7 +48,7 @@ class ProxyReport(NamedTuple):
     """The delays of all routes, and how much motion arrived beside the voice."""
 
     routes: dict[str, Route]
-    frames: int  # of motion, for what was said
+    frames: int  # of motion that arrived for the speech
     expected_frames: int
 
     @property

@@ -3,10 +3,11 @@
 Playback happens in the client, where the proxy cannot see it. The avatar's playhead follows the wall clock and is never
 ahead of playback, because motion cannot exist before its sound. How much was heard is known from three sources: the
 time at which sound was forwarded (a client plays it as it arrives), `conversation.item.truncate`, and
-`echoavatar.played` from clients that know the proxy. Who only cancels a response tells none: what was due is cut.
+`echoavatar.played` from clients that know the proxy. A client that only cancels a response reports nothing: then what
+was due by that time counts as heard.
 
-A server may leave out what names an item; then its response does, or a name of ours. Sound that comes after the end of
-its item, or of another one between, goes on with the item: as a further `SpeechItem` that begins at `first`.
+If a server leaves out an item's id, the id of its response names it, or a name of ours. Sound that comes after its item
+ended, or after another one began, continues the item as a further `SpeechItem`, whose `first` is not 0.
 """
 
 import asyncio
@@ -27,11 +28,11 @@ from .speech_items import STALL_S, SpeechItem, SpeechItems
 
 _LOG = logging.getLogger(__name__)
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
-VOID_S = 2.0  # what comes of a response after it was cut off was on its way
-TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
+VOID_S = 2.0  # sound that comes so soon after its response was cut off was on its way, and is not shown
+TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # only a truncation earlier than the estimate by this much counts
 _OVER = ("response.done", "response.cancelled")
 _NOTHING: tuple[str | None, float] = None, -inf
-BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
+BLOCK_BYTES = 48_000  # of sound decoded at once: an event may bring minutes, and other conversations go on meanwhile
 
 
 class Conversation:
@@ -41,21 +42,21 @@ class Conversation:
         self.items = SpeechItems()
         self._chunk = CHUNK
         self._format: dict[str, Format] = dict.fromkeys(("input", "output"), ("pcm", SAMPLE_RATE_HZ))
-        self._told: set[str] = set()  # whose format the server has told
+        self._told: set[str] = set()  # directions whose format the server has stated
         self._response_format: Format | None = None
-        self._asked_format: Format | None = None  # by the client for the next response
+        self._asked_format: Format | None = None  # what the client asked for in the next response
         self._response: str | None = None  # the newest response
         self._void = _NOTHING  # the response that was cut off, and when
-        self._awaited = ""  # what the client sent last of "create" and "cancel" for a response that has not begun
-        self._item: str | None = None  # what the server last called an item of the model's
-        self._unnamed = 0  # number of the item for which nobody has a name
-        self._text = TimedText()  # of an item whose sound has not come
+        self._awaited = ""  # "create" or "cancel": the client's last word on a response that has not begun
+        self._item: str | None = None  # id of the model's newest item
+        self._unnamed = 0  # number in the name of an item without an id
+        self._text = TimedText()  # of an item whose sound has not come yet
         self._user_interrupts = True
         self._user_decoder: tuple[Format, Decoder] | None = None
         self._user_segment, self._user_sent = 0, 0
         self._pending_cut: asyncio.Task[None] | None = None
-        self._cut_at: int | None = None  # where that will cut
-        self._has_missed = False  # something that could not be read, and the log says so
+        self._cut_at: int | None = None  # the avatar's clock at which `_pending_cut` will cut
+        self._has_missed = False  # whether the log says that an event could not be read
 
     # ---- the avatar's session
 
@@ -114,7 +115,7 @@ class Conversation:
             await self._cut(avatar, now)
 
     def miss(self, what: str, why: str) -> None:
-        """Log what could not be read, once a conversation."""
+        """Log that an event could not be read, once a conversation."""
         if not self._has_missed:
             self._has_missed = True
             _LOG.warning(
@@ -135,7 +136,7 @@ class Conversation:
         self._user_interrupts = self._user_interrupts if user_interrupts is None else user_interrupts
 
     def _name(self, event: Event) -> str:
-        """What the item of an event is called."""
+        """The id of an event's item, or a name in its place."""
         return event.item_id or self._item or event.response_id or self._response or f"echoavatar_item_{self._unnamed}"
 
     async def _speak(self, event: Event, avatar: Avatar | None, now: float) -> None:
@@ -158,7 +159,7 @@ class Conversation:
     async def _begin(
         self, event: Event, data: bytes, before: SpeechItem | None, avatar: Avatar | None, now: float
     ) -> SpeechItem | None:
-        """The item that begins with an event, or goes on after its end; None if its format cannot be read."""
+        """Begin an item, or continue the ended item `before`; None if its format cannot be read."""
         form = self._response_format or self._format["output"]
         if form[0] not in READABLE or is_file(data):
             self.miss(event.type, f"its sound is {form[0] if form[0] not in READABLE else 'a file'}, not samples")
@@ -179,7 +180,7 @@ class Conversation:
         self._text = TimedText()
         void, since = self._void
         if avatar is None or (item.response_id == void and now < since + VOID_S):
-            item.cut = 0  # the avatar missed its beginning, or it is on its way since the response was cut off
+            item.cut = 0  # the avatar missed its beginning, or its response was cut off before it came
         else:
             await self._finish_cut(avatar)
         self.items.begin(item)
@@ -203,7 +204,7 @@ class Conversation:
             await avatar.words(words, seg=item.seg)
 
     async def _take_word(self, event: Event, avatar: Avatar | None) -> None:
-        """Azure tells when a word of a response begins, if its session asks for that."""
+        """Azure sends the time of each word of a response, if its session asks for that."""
         if event.audio_offset_ms is None or not isinstance(event.text, str):
             return
         start = event.audio_offset_ms / 1000
@@ -221,7 +222,7 @@ class Conversation:
     async def _cut(self, avatar: Avatar | None, now: float, response: str | None = None) -> None:
         """The model stops: the user speaks, or a response is cancelled (this one, if it is named).
 
-        The client may report what was heard; otherwise what was due by now, if sound is played as it arrives, counts.
+        If the client does not report what was heard, what was due by now counts, as if sound is played as it arrives.
         """
         playing = self.items.playing_at(now)
         if response is not None and playing is not None and playing.response_id not in (None, response):
@@ -250,7 +251,7 @@ class Conversation:
             await avatar.interrupt(self._cut_at)
 
     def _stop_waiting(self) -> bool:
-        """Do not cut at the estimate; returns whether that was to come."""
+        """Do not cut at the estimate; returns whether such a cut was pending."""
         waiting, self._pending_cut = self._pending_cut, None
         return waiting is not None and waiting.cancel()
 

@@ -19,12 +19,12 @@ from echoavatar.json_reader import from_base64, read_json
 
 from ..voice_formats import Format, named_format
 
-AUDIO_DELTA, AUDIO_DONE = "audio.delta", "audio.done"  # ends of their names
+AUDIO_DELTA, AUDIO_DONE = "audio.delta", "audio.done"  # ends of the events' names
 PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
 CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
 MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
-MOST_VALUES = 1 << 16  # in it
+MOST_VALUES = 1 << 16  # in an event that is read
 
 
 class Event(msgspec.Struct):
@@ -62,7 +62,7 @@ _DECODER = msgspec.json.Decoder(Event, strict=False)  # 0.0 is a whole number, a
 
 
 def read(message: str | bytes) -> Event | None:
-    """Parse an event; None if it is not one, or is too large: it passes, and the avatar does not hear of it."""
+    """Parse an event; None if it is not one, or too large. Such a message is forwarded all the same."""
     try:
         raw = message.encode() if isinstance(message, str) else message
         is_large = len(raw) > MOST_BYTES or sum(map(raw.count, (b",", b"[", b"{"))) > MOST_VALUES
@@ -70,21 +70,21 @@ def read(message: str | bytes) -> Event | None:
             return None
         with suppress(msgspec.DecodeError):
             return _DECODER.decode(raw)
-        plain = from_json(raw.removeprefix(codecs.BOM_UTF8))  # Python's servers write NaN, others a mark first
+        plain = from_json(raw.removeprefix(codecs.BOM_UTF8))  # some servers write NaN or a byte order mark
         return msgspec.convert(plain, Event, strict=False)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None
 
 
 def sound(field: Any) -> bytes | None:
-    """Decode a base64 field of any dialect, also a `data:` address; None if it is none."""
+    """Decode a base64 field of any dialect, also a `data:` address; None if it is not base64."""
     with suppress(AttributeError, ValueError):
         return from_base64(field.rpartition(";base64,")[2])
     return None
 
 
 def identity(value: Any) -> str | None:
-    """A name of something: text, or a number as text."""
+    """An id as text; None if it is neither a text nor a whole number."""
     return str(value) if isinstance(value, str | int) and not isinstance(value, bool) and value != "" else None
 
 

@@ -35,7 +35,7 @@ _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"
 DROPPED = 1011
 CANCEL_AGAIN_S = 0.5
-FILES_OF_A_CLIENT = 3  # its own connection, the upstream's and the avatar's
+FILES_OF_A_CLIENT = 3  # sockets: its own connection, the upstream's and the avatar's
 
 
 class Relay:
@@ -46,7 +46,7 @@ class Relay:
         self._upstreams: dict[ServerConnection, ClientConnection] = {}
         self._closing: set[asyncio.Task[None]] = set()
         self._server: Server | None = None
-        self._names = settings.origins  # by which requests may name the proxy, beside localhost and addresses
+        self._names = settings.origins  # names of the proxy in requests, beside localhost and addresses
 
     @property
     def clients(self) -> int:

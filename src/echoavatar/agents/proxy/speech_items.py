@@ -33,9 +33,9 @@ class SpeechItem:
     decoder: Decoder
     begun: float  # time by the loop's clock at which its first sound was forwarded
     chunk: ChunkSize = CHUNK  # chunk size of the avatar that receives it
-    first: int = 0  # samples of the item that came before, in an earlier part of it
+    first: int = 0  # samples in earlier parts of the item
     text: TimedText = field(default_factory=TimedText)
-    guess: Format | None = None  # the format, where nobody has told it yet
+    guess: Format | None = None  # the assumed format, if none was stated yet
     seg: int = 0  # the avatar's number for it; 0: not sent yet
     samples: int = 0  # received so far
     is_ended: bool = False
@@ -89,7 +89,7 @@ class SpeechItem:
         return max(0, min(round((now - self.begun) * SAMPLE_RATE_HZ), self.samples))
 
     def ran_dry(self, now: float) -> float:
-        """Seconds since the sound that has come was over, if it is played as it arrives; negative before."""
+        """Seconds since the end of the sound received so far, if it is played as it arrives; negative before."""
         return now - self.begun - self.samples / SAMPLE_RATE_HZ
 
     def clock_at(self, sample: int) -> int | None:
@@ -139,14 +139,14 @@ class SpeechItems:
         self._items.append(item)
 
     def find(self, item_id: str | None, content_index: int = 0, sample: float = inf) -> SpeechItem | None:
-        """Find an item by its id; of its parts the last, or the one with this sample."""
+        """Find an item by its id: its last part, or the part that holds `sample`; None if it is not known."""
         for item in reversed(self._items):
             if (item.item_id, item.content_index) == (item_id, content_index) and item.first <= sample:
                 return item
         return None
 
     def of(self, seg: int) -> SpeechItem | None:
-        """Find an item by the avatar's utterance number."""
+        """Find an item by the avatar's utterance number; None if there is none."""
         return next((item for item in self._items if seg and item.seg == seg), None)
 
     def playing_at(self, now: float) -> SpeechItem | None:

@@ -1,8 +1,8 @@
 """Offer the avatar's tools to the model, and carry out its calls.
 
 Only calls of the avatar's tools are answered. If the client has a tool of the same name, the client's tool is the one
-that counts. A gesture is silent: no `response.create` follows it, unless the response was nothing but calls, because
-then the model would not speak at all.
+that counts. No `response.create` follows a gesture, unless the response held nothing but calls: then the model would
+not speak at all.
 """
 
 import asyncio
@@ -89,7 +89,7 @@ class ToolCalls:
 
     async def _answer(self, call: str, name: str, arguments: Any) -> None:
         try:
-            is_object = isinstance(arguments, dict)  # others than OpenAI may send it as it is
+            is_object = isinstance(arguments, dict)  # servers other than OpenAI's may send an object, not its text
             answer = await self._do(name, arguments if is_object else read_object(arguments or "{}", "the arguments"))
         except EchoAvatarError as error:
             answer = {"status": "rejected", "reason": str(error)}
@@ -120,6 +120,6 @@ def _names(tools: list[Any]) -> set[str]:
 
 
 def _text(value: Any, key: str) -> str | None:
-    """A text in an object; None if it is not there, or of another type: a list cannot be looked up."""
+    """A text in an object; None if it is absent or of another type, such as a list, which is not hashable."""
     found = inside(value, key)
     return found if isinstance(found, str) else None

@@ -1,4 +1,4 @@
-"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query."""
+"""The settings of a proxy, and its connection to the voice agent, with the client's own credentials and query."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -26,12 +26,12 @@ from echoavatar.motion.kinematics.rotations import (
 )
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 
-LEAD_FRAMES = 32  # of the first pose, so that the tokenizer has settled
+LEAD_FRAMES = 32  # frames of the first pose before the clip, so that the tokenizer has settled
 SHORTEST_S, LONGEST_S = 0.5, 20.0
 TORSO = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
 EDGE = 6  # frames in which an overlay comes and goes
-SMOOTH_FRAMES = 1.2
-SMALLEST = 0.06  # radians; less is not worth keeping
+SMOOTH_FRAMES = 1.2  # standard deviation of the filter
+SMALLEST = 0.06  # radians; smaller turns are not kept
 
 
 def action_from_motion(
@@ -44,10 +44,11 @@ def action_from_motion(
     about: str = "",
     guides: bool | None = None,
 ) -> Action:
-    """An action of a clip on any rig; `hold_s` is the part that repeats when it is held (default: the middle half).
+    """An action from a clip on any rig; seconds `hold_s` of it repeat while it is held (default: the middle half).
 
     Without `guides`, the generator is asked for the codes, unless the clip has a single code: that only means "stand".
-    Raises MotionError if the clip is too short or too long, or the name is not a name.
+    Raises MotionError if the clip is too short or too long, the name cannot name an action, or the tokenizer has one
+    part for the whole body.
     """
     plain = _plain(name, motion)
     codes, overlay = read_clip(tokenizer, motion, chunk)
@@ -71,9 +72,9 @@ def set_from_motion(
 ) -> Action:
     """An action as the paper has it, for a bundle on a rig of its own: a set of codes that holds as a whole.
 
-    The clip, on any rig, is retargeted to the bundle's; the set are the codes of its stretch `hold_s` (default: the
-    middle half). It lasts as long as the clip, and nothing is put on top of what the codes say. Raises MotionError if
-    the clip is too short or too long, or the name is not a name.
+    The clip, on any rig, is retargeted to the bundle's; the set holds the codes of its seconds `hold_s` (default: the
+    middle half). It lasts as long as the clip, and has no overlay. Raises MotionError if the clip is too short or too
+    long, or the name cannot name an action.
     """
     plain, skeleton = _plain(name, motion), tokenizer.skeleton
     motion = resample(retarget(motion, skeleton, has_footing=False), float(FRAME_RATE_HZ))
@@ -141,7 +142,7 @@ def _smooth(turns: Float[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t j 3"]:
 
 
 def _plain(name: str, motion: Motion) -> str:
-    """The name as the library keeps it; MotionError where it or the clip's length cannot be."""
+    """The name as the library keeps it. Raises MotionError for an impossible name or length of the clip."""
     plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
     if not NAME.fullmatch(plain):
         raise MotionError(f"{name[:80]!r} cannot name an action; use up to 64 letters, digits and underscores")

@@ -25,10 +25,10 @@ from echoavatar.whole_file import write_whole
 
 FILE = "actions.json"
 VERSION = 2  # 1 counted `hold` in chunks of two motion tokens
-REACH_S = 0.27  # before and after the current place: codes of that time are in the set
+REACH_S = 0.27  # the set holds the codes up to so far before and after the current place
 LONGEST_S = 60.0
 NAME = re.compile("[a-z0-9_]{1,64}")  # language models are offered the name; pages and terminals show it
-ABOUT = 200  # letters of a description
+ABOUT = 200  # most letters of a description
 
 
 class Directive(NamedTuple):
@@ -185,7 +185,7 @@ class ActionLibrary(dict[str, Action]):
 
 
 def _check_sizes(rows: list[dict[str, Any]]) -> None:
-    """Refuse more than a library can need before anything is built: a joint of the hands may be one number long."""
+    """Refuse more than a library can need before anything is built: few stored numbers can ask for many rotations."""
     hands = [row["hands"] for row in rows if "hands" in row]
     cells = sum(len(stored["shares"]) * len(stored["joints"]) for stored in hands)
     if len(rows) > ACTIONS or cells > OVERLAYS:

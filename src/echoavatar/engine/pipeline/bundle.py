@@ -41,7 +41,7 @@ _KINDS: dict[str, type[Config]] = {
     "generator": GeneratorConfig,
     FACE: FaceConfig,
 }
-_OPEN = ExitStack()  # of folders that are unpacked until the process ends
+_OPEN = ExitStack()  # folders that stay unpacked until the process ends
 atexit.register(_OPEN.close)
 _HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
 OPTIONAL_STAGES = (FACE, *SWITCHES)
@@ -50,17 +50,17 @@ OPTIONAL_STAGES = (FACE, *SWITCHES)
 class Part:
     """A trained part: its config at once, its weights when they are asked for.
 
-    It lies in a checkpoint folder, where its step may be a graph, or it is a module that was made here.
+    It lies in a checkpoint folder, where its step may be a graph, or it is a module made in this process.
     """
 
     def __init__(self, name: str, *, folder: Path | None = None, module: Any = None) -> None:
-        """One of both. Raises CheckpointError if the folder has no config."""
+        """Give either `folder` or `module`. Raises CheckpointError if the folder has no config."""
         self.name, self._folder, self._made = name, folder, module
         self.config: Any = module.config if folder is None else read_config(folder, _KINDS[name])
 
     @cached_property
     def module(self) -> Any:
-        """The lab's module of torch. Raises CheckpointError if the weights are damaged, DependencyError without it."""
+        """The torch module. Raises CheckpointError if the weights are damaged, DependencyError without the lab."""
         if self._folder is None:
             return self._made
         what = f"the {self.name} of this bundle, whose weights have no graph or run on a GPU,"
@@ -68,7 +68,7 @@ class Part:
 
     @cached_property
     def graph(self) -> ExportedStep | None:
-        """Its step as a graph; None if there is none of these very weights. Raises CheckpointError if it is damaged."""
+        """Its step as a graph; None without one of these weights. Raises CheckpointError if it is damaged."""
         return self._exported("step")
 
     def clip_tokenizer(self, chunk: ChunkSize) -> ClipTokenizer:
@@ -242,9 +242,8 @@ def _check(bundle: Bundle) -> None:
 def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleaved", "depth"] = "prefix") -> Bundle:
     """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
 
-    `prefix` is the paper's own order, which prefills its window at every step.
-
-    Silence does not bring it to rest, so it has no lead-in. Raises DependencyError without the lab.
+    `prefix` is the paper's own order, which prefills its window at every step. Silence does not bring such a generator
+    to rest, so it has no lead-in. Raises DependencyError without the lab.
     """
     sizes = qwen_half_billion(bundle.sizes.layout, sequence)
     generator = torch_backend("a model of the paper's size").random_generator(sizes)

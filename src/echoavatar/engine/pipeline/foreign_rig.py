@@ -42,7 +42,7 @@ class RigConfig(Config):
 
 @dataclass
 class RigState(StreamState):
-    """The last horizontal offset of the humanoid's root from the source's, and whether there was a frame yet."""
+    """The last horizontal offset of the humanoid's root from the source's (metres); whether a frame came yet."""
 
     offset: Float[Array, "b 2"]
     seen: Float[Array, " b"]
@@ -65,7 +65,7 @@ class RigAdapter:
     def step(
         self, features: Float[Array, "b t c"], state: RigState, active: Bool[Array, " b"]
     ) -> Float[Array, "b t d"]:
-        """Features of the next frames."""
+        """Features of the next frames, in our conventions."""
         rotations, travel = self.canonical(features)
         if self._retarget is None:
             return self._features(rotations, travel)
@@ -83,7 +83,7 @@ class RigAdapter:
         return self._features(moved.rotations.reshape(rows, frames, -1, 3, 3), travel)
 
     def canonical(self, features: Float[Array, "b t c"]) -> tuple[Float[Array, "b t j 3 3"], Float[Array, "b t 3"]]:
-        """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead."""
+        """Rotations in our axes with the arms off the trunk, and travel by frame: metres left, height, metres ahead."""
         config = self.config
         frames = from_features(self.source, features, up=config.up)
         ground = ground_axes(config.up)

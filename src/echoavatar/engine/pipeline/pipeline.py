@@ -6,9 +6,8 @@
 Offline and live are the same: a file is a session whose audio is pushed faster. Nothing depends on the wall clock.
 
 A generator without a past may begin in mid-dance, and speech takes seconds to calm it. So a session starts with the
-state of one that has heard `Runtime.lead_in_s` of silence (not in the paper). One row computes that state, once for all
-sessions of a pipeline. It depends on the bundle alone, so a session's motion still depends only on its own sound and
-seed.
+state of one that has heard `Runtime.lead_in_s` of silence (not in the paper). That state depends on the bundle alone:
+it is computed once for all sessions of a pipeline, and a session's motion still depends only on its sound and seed.
 """
 
 import logging
@@ -106,8 +105,8 @@ class Pipeline:
         self.face = self._face(parts[FACE]) if FACE in parts else None
         self.actions = bundle.actions
         self.chunk = bundle.chunk
-        self.has_manner = sizes.manner  # whether `step` takes one
-        self.has_opening = sizes.opening is not None  # whether its window is full from the start
+        self.has_manner = sizes.manner  # whether `step` takes a manner
+        self.has_opening = sizes.opening is not None  # whether the generator's window is full from the start
         self.directive_codes = len(sizes.directed) * sizes.layout.motion_codes
         own_bias = LEARNED_BIAS if sizes.exemplar else BIAS
         self._bias = own_bias if sizes.example_bias is None else sizes.example_bias
@@ -127,7 +126,7 @@ class Pipeline:
         return torch_backend(f"the {part.name}").open_step(module, self.device, step, init_state)
 
     def _generator(self, bundle: Bundle, precision: Precision | None) -> Any:
-        """The depth order on a CPU needs no torch."""
+        """The compiled stream, which needs no torch, for the depth order on a CPU; else the lab's module."""
         if self.device == "cpu" and precision != "bfloat16" and bundle.sizes.sequence == "depth":
             return FrameStream(bundle.sizes, bundle.parts["generator"].arrays(), rounds=precision != "float32")
         own: Precision = "int8" if self.device == "cpu" else "bfloat16"
@@ -135,7 +134,7 @@ class Pipeline:
         return torch_backend("the generator").open_generator(module, self.device, precision or own)
 
     def _face(self, part: Part) -> FaceStream:
-        """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
+        """Compiled loops and the graph of its audio encoder; torch without a graph or with a memory but `ring`."""
         has_idle = "blinks" in self.additions
         if part.graph is None or part.config.memory != "ring":
             return part.module.stream(has_idle=has_idle)  # type: ignore[no-any-return]
@@ -218,8 +217,8 @@ class Pipeline:
 
         A chunk has `chunk.samples` samples (paper: 6,400, ours 3,200) and gives `chunk.frames` frames (8, 4).
         The smoother works on eight frames at most, so a longer chunk passes the stages behind the decoder in pieces.
-        Row by row, `directive` holds the requests of actions, `manner` the numbers of `Manner`, and `hands`
-        what the post-processing does with arms. Benchmarks set `on_stage`, called after each stage.
+        Row by row, `directive` holds the requests of actions, `manner` the numbers of `TOLD`, and `hands` the sizes of
+        the arms' moves (`stillness.WHOLE`). `on_stage` is called after each stage.
         """
         features, face = self._features(audio, state, active, directive, manner)
         pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)

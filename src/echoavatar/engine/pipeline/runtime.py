@@ -1,9 +1,9 @@
 """How the pipeline runs a bundle's models: settings beside the checkpoints, in `runtime.json`.
 
 A bundle without the file gets the defaults, which are those of our own bundles. Everything that we add to the paper's
-method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are
-drawn and decoded, the paper's cylinder keeps the hands off the body, and files have 60 frames per
-second. `bare` leaves out those too. Scores are always taken at the 30 that are decoded.
+method is in `ADDITIONS` and can be switched by name. `Runtime.chosen("paper")` has none of it: codes are drawn and
+decoded, the paper's cylinder keeps the hands off the body, and files have 60 frames per second. `bare` leaves out the
+cylinder and the 60 fps, too. Scores are always taken at the 30 fps that are decoded.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ from .foreign_rig import RigConfig
 
 FILE = "runtime.json"
 PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
-SESSION = ("settling", "home", "idle", "expression", "blinks", "listening", "gaze", "overlays")  # by sessions
+SESSION = ("settling", "home", "idle", "expression", "blinks", "listening", "gaze", "overlays")  # added by sessions
 NUMBERS = {"level": ("level_control", False), "lead-in": ("lead_in_s", 0.0)}  # addition -> field, the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, *SESSION)
 
@@ -36,7 +36,7 @@ class Runtime(Config):
         le=60,
         description="seconds of silence in the warm start of a session (rounded up to chunks; paper: 0)",
     )
-    stages: tuple[str, ...] = Field(default=SWITCHES, description="stages behind the decoder, unless asked for")
+    stages: tuple[str, ...] = Field(default=SWITCHES, description="stages behind the decoder, unless others are named")
     session: tuple[str, ...] = Field(
         default=SESSION,
         description="what a session adds: settling after music, the way home after a dance, idle motion with breath, "

@@ -72,7 +72,7 @@ def parse_address(text: str) -> Address:
     """Parse an address; the default port is that of its protocol.
 
     Raises:
-        EchoAvatarError: unknown protocol, missing host, invalid port, or an option that the protocol does not have.
+        EchoAvatarError: unknown protocol, missing host, a path, invalid port, or an option that the protocol lacks.
     """
     if (scheme := text.partition(":")[0].lower()) not in PORTS:
         raise EchoAvatarError(f"sink {text!r} is of no known kind ({', '.join(PORTS)}); give one such as {EXAMPLE}")
@@ -88,7 +88,7 @@ def parse_address(text: str) -> Address:
 
 
 def check_address(text: str) -> None:
-    """Check that `make_sink` would accept the address, before a rig is known; raises what it raises."""
+    """Check that `make_sink` would accept the address, before a rig is known; raises as `make_sink`."""
     make_sink(text, Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),))).close()
 
 

@@ -24,7 +24,7 @@ from .live_stream import Block, Picture, doubled
 FORMATS = {".flv": "flv", ".mp4": "mp4", ".mkv": "matroska", ".ts": "mpegts"}
 SCHEMES = {"rtmp": "flv", "rtmps": "flv"}
 SOUND_RATE_HZ = 2 * SAMPLE_RATE_HZ
-OPEN_S, WRITE_S = 10.0, 10.0  # within which a server is there, and takes what it is sent
+OPEN_S, WRITE_S = 10.0, 10.0  # for a server to answer, and to take a picture or sound
 STOP_S = 1.0
 
 
@@ -67,7 +67,8 @@ class Broadcast:
     def __init__(self, to: str, size: Sequence[int], rate: int) -> None:
         """Raises EchoAvatarError for an address of another kind, or one that cannot be opened."""
         self.name = redacted(to)
-        kind, place = (_Distant, to) if "://" in to else (Encoder, f"file:{to}")  # of 10:30.mp4, 10: is no protocol
+        # With "file:", FFmpeg does not take the 10: of 10:30.mp4 for a protocol.
+        kind, place = (_Distant, to) if "://" in to else (Encoder, f"file:{to}")
         with self._naming_itself():
             self._encoder = kind(place, container_of(to), size, rate, SOUND_RATE_HZ)
 
@@ -132,7 +133,7 @@ class _Distant:
             self._end()
 
     def _ask(self, seconds: float, told: object, data: bytes = b"", *, wanted: str | None = None) -> None:
-        """Send a line and its bytes (None: no more come), and wait for a word if one is wanted, both not too long."""
+        """Send a line and its bytes (None: end the input) and wait for the word `wanted`, if any; OSError: too late."""
         pipe, answers = self._process.stdin, self._process.stdout
         assert pipe is not None
         assert answers is not None

@@ -2,9 +2,9 @@
 
 FFmpeg holds Python's lock while it connects to a server and waits for it: one that accepts and is silent would stop the
 whole process, its Ctrl-C too. So `broadcast` runs this file as a program where the stream leaves the machine, and kills
-it when it hangs. The program imports nothing else of the package, so that it is there in a moment. It reads its
-settings as a line of JSON, then pictures and sounds, each a line of JSON before its bytes; it says `open`, and at
-its end `closed` or what failed, without the address.
+it when it hangs. The program imports nothing else of the package, so that it starts in a moment. It reads its settings
+as a line of JSON, then pictures and sounds, each a line of JSON before its bytes. It prints `open`, and at its end
+`closed`, or the failure without the address.
 """
 
 import json
@@ -17,7 +17,7 @@ from typing import Any
 import av
 import numpy as np
 
-CLOCK_HZ = 1_000  # of pictures: FLV counts milliseconds
+CLOCK_HZ = 1_000  # clock of pictures: FLV counts milliseconds
 KEY_S = 2  # between key frames, as streaming servers require
 OPENED, CLOSED = "open", "closed"
 

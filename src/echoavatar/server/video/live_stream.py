@@ -27,9 +27,9 @@ from .video_source import VideoSource
 BLOCK_SAMPLES = exact_div(SAMPLE_RATE_HZ, 50)  # 20 ms
 BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ
 PICTURE_RATE_HZ = 25
-EDGE = 16  # samples around a block, for a filter that resamples it
-FAR_S = 0.25  # off the playhead by more, a stream with sound jumps to it
-SLACK_S = 0.005  # for the event loop
+EDGE = 16  # samples before and after a block, for a filter that resamples it
+FAR_S = 0.25  # a stream with sound that is further off the playhead jumps to it
+SLACK_S = 0.005  # allowance for the event loop
 MOST_AHEAD_S = 0.15  # motion that is sure to be there (`engine.pacing.MARGIN_S`)
 MOST_BEHIND_S = 0.5  # blocks of sound that are later are skipped, unless told otherwise
 CALM = 0.1  # weight of the newest measurement in a mean
@@ -48,7 +48,7 @@ class Picture(NamedTuple):
     """One picture."""
 
     seconds: float  # time of the stream
-    pixels: UInt8[np.ndarray, "h w c"]
+    pixels: UInt8[np.ndarray, "h w c"]  # RGB
 
 
 class LiveStream:
@@ -75,7 +75,7 @@ class LiveStream:
         self._began: float | None = None
         self._began_wall: float | None = None
         self._anchor: tuple[int, int] | None = None  # a block, and the sample of the session that it begins with
-        self._block = self._picture = -1  # newest that were handed out
+        self._block = self._picture = -1  # numbers of the newest that were handed out
         self._drawing: asyncio.Task[Picture] | None = None
         self._draw_s, self._send_s = 0.04, 0.0  # how long a picture takes to draw; to be encoded by the receiver
         self._returned: float | None = None
@@ -84,7 +84,7 @@ class LiveStream:
     def wall(self, seconds: float) -> float:
         """The time, in seconds since 1970, at which a moment of the stream is shown and heard.
 
-        It goes by one look at the wall clock: picture and sound stay together when that clock is set.
+        The wall clock is read once, so picture and sound stay together when that clock is set.
         """
         if self._began_wall is None:
             self._began_wall = time.time() - self._now()
@@ -134,7 +134,7 @@ class LiveStream:
     async def _draw(self) -> Picture:
         """Draw the first picture that can be ready in time.
 
-        It is begun a picture early, so that one that is held up makes none after it late.
+        It is begun a picture early, so that a delayed one does not make the next late.
         """
         least = min(self._draw_s + self._send_s + SLACK_S, MOST_AHEAD_S)
         lead = min(least + 1 / self._rate, MOST_AHEAD_S)
@@ -177,7 +177,7 @@ class LiveStream:
 
 
 def _give_way() -> None:
-    """Let the engine's threads go before this one, where the system can do so for a thread."""
+    """Give the engine's threads precedence over this one, on systems that have priorities of threads."""
     if sys.platform == "linux":
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)

@@ -1,4 +1,4 @@
-"""Reads a stranger's SDP offer, within limits, into a short one of the parts that are used here.
+"""Shortens a stranger's SDP offer, within limits, to the parts that are used here.
 
 Candidates are counted before anything reads them, and no name in them is looked up. A browser hides its addresses
 behind names of mDNS (`.local`), which only its own network can resolve. In their place stands the address that the
@@ -16,7 +16,7 @@ except ImportError as error:
     raise DependencyError("WebRTC needs aiortc; run: pip install 'echoavatar[video]'") from error
 
 MOST_BYTES = 65_536
-MOST_LINES = 512  # beside candidates
+MOST_LINES = 512  # without candidates
 MOST_LETTERS = 2_048  # in a line
 MOST_MEDIA = 8
 MOST_CANDIDATES = 32  # of all media together; further ones are dropped
@@ -26,9 +26,9 @@ _CANDIDATE, _END = "a=candidate:", "a=end-of-candidates"
 
 
 def read_offer(text: str, address: str) -> str:
-    """The short offer of one that came from an address. It may take some milliseconds; call it in a thread.
+    """Shorten an SDP offer that came from `address`. It may take some milliseconds; call it in a thread.
 
-    Raises EchoAvatarError if it is no offer, or beyond a limit.
+    Raises EchoAvatarError if it is beyond a limit, and whatever aiortc's parser raises if it is no offer.
     """
     lines = list(_without_excess(text.splitlines(), address))
     if len(lines) > MOST_LINES + MOST_CANDIDATES or max(map(len, lines), default=0) > MOST_LETTERS:
@@ -64,7 +64,7 @@ def _without_excess(lines: list[str], address: str) -> Iterator[str]:
 
 
 def _shorten(medium: MediaDescription) -> None:
-    """Leave out formats that are not spoken here, and what is not needed to answer."""
+    """Leave out formats that the server does not send, and what is not needed to answer."""
     kept = [codec for codec in medium.rtp.codecs if codec.mimeType.lower() in CODECS][:MOST_EACH]
     if kept:
         medium.rtp.codecs, medium.fmt = kept, [codec.payloadType for codec in kept]

@@ -20,8 +20,8 @@ from echoavatar.wire.blobs import unpack_pose
 from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage, Sound
 
 FOLLOW_S = 0.5  # the camera reaches 63 % of a new place in this time
-KEPT_S = 2.0  # of sound behind the newest reading
-MOST_MOTION = 1_000  # messages that wait to be drawn
+KEPT_S = 2.0  # how long sound is kept behind the newest reading
+MOST_MOTION = 1_000  # most messages that wait to be drawn
 
 
 class SoundTrack:
@@ -77,7 +77,7 @@ class VideoSource:
         self._character, self._renderer = painted, AvatarRenderer(painted, shot, paint)
         self._sound, self._poses = SoundTrack(), PoseTrack()
         self._waiting = deque[Motion | Flush](maxlen=MOST_MOTION)
-        self._followed: tuple[float, Float[np.ndarray, " 3"]] | None = None  # where the camera looks, and since when
+        self._followed: tuple[float, Float[np.ndarray, " 3"]] | None = None  # clock and aim of the camera
 
     @property
     def end(self) -> int:
