@@ -2,7 +2,8 @@
 
 The generator hears sound alone and knows no words. Where a voice tells its words and their times, some of them begin an
 action of the library, so early that its stroke meets the word. `words.json` holds the words of each concept and the
-actions that show it. Which words get a gesture follows from the seed, the liveliness and the gestures before.
+actions that show it. Which words get a gesture follows from the seed, the gestures before, and the liveliness that the
+model is told (`SpeakerManner.at`): that is raised while both hands rest in speech, so more words get one then.
 """
 
 import logging
@@ -153,7 +154,7 @@ class WordGestures:
 
         Args:
             chunk: number of the chunk; after a barge-in, chunks come again.
-            liveliness: of the speaker, 0 to 1; at 0.5 a concept's own chance holds.
+            liveliness: as the model is told it, 0 to 1; at 0.5 a concept's own chance holds.
             is_free: whether the session may gesture. A running action also goes first.
         """
         before = self._actions.gestures_before(chunk)
