@@ -99,7 +99,7 @@ def test_where_both_hands_rest_in_speech_more_words_get_a_gesture():
         sessions = [open_session(seed, liveliness=0.4, additions=additions) for seed in range(3)]
         for session in sessions:
             session.words(TALK)
-            motion(session, 60)
+            motion(session, 40)
         counts.append(sum(len(gestures(session)) for session in sessions))
     assert counts[1] > 1.2 * counts[0] > 0
 

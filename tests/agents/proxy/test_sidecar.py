@@ -133,7 +133,7 @@ async def push_to_talk(session: ScriptedSession) -> None:
     """A server of another dialect: its sound names no item, and comes in lines of URL-safe base64 without padding."""
     await session.until("go")
     await session.send("response.created", response={"id": "resp_1"})
-    sentence = tone(30.0)
+    sentence = tone(15.0)
     for start in range(0, len(sentence), 4_801):  # samples are cut in two
         data = base64.urlsafe_b64encode(sentence[start : start + 4_801]).decode().rstrip("=")
         lines = "\n".join(data[at : at + 76] for at in range(0, len(data), 76))
@@ -156,8 +156,9 @@ async def test_a_client_that_only_cancels_stops_the_avatar(caplog: pytest.LogCap
         assert flush["item_id"] == "resp_1", "an item without a name is called after its response"
         first, second = ([e for e in client.of(BODY) if e["item_id"] == name] for name in ("resp_1", "item_2"))
         assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
-        heard_s = (flush["at"] - first[0]["at"]) / 24_000 + first[0]["frame_index"] / 30
-        assert 1.4 < heard_s < 29.9, "in the middle of the sentence"
+        last = max((event for event in first if event["at"] <= flush["at"]), key=lambda event: event["frame_index"])
+        heard_s = last["frame_index"] / 30 + min(flush["at"] - last["at"], 6_400) / 24_000  # a busy server may pause
+        assert 1.4 < heard_s < 14.9, "in the middle of the sentence"
         assert heights(second[-1]) == pytest.approx(1 + heard_s, abs=0.05)
     assert not [record for record in caplog.records if "proxy" in record.name]
 
