@@ -127,8 +127,7 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
         blocks = np.split(np.tile(sound[: chunks * CHUNK_SAMPLES], (rows, 1)), chunks, 1)
         for number, block in enumerate(blocks):
             hands = np.stack([WHOLE if own.is_dancing(number - 1) else _TALKER for own in settling])
-            told = {"hands": hands} if pipeline.has_manner else {}
-            steps.append(pipeline.step(block, state, everyone, **told))
+            steps.append(pipeline.step(block, state, everyone, hands=hands if pipeline.has_manner else None))
             for own, audio, made in zip(settling, block, steps[-1], strict=True):
                 own.made(number, audio, made, pipeline.skeleton)
     finally:
