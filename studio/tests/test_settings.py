@@ -1,6 +1,9 @@
 """study.yaml: what is taken, and what is refused by name."""
 
+import time
+
 import pytest
+import yaml
 from studio.tests import canned
 
 from echoavatar.errors import EchoAvatarError
@@ -29,6 +32,24 @@ def test_templates_are_studies():
 def test_what_is_wrong_is_named(changes, message):
     with pytest.raises(EchoAvatarError, match=message):
         parse_study(canned.pairwise_text(**changes))
+
+
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML without libyaml")
+def test_a_study_of_many_sounds_is_read_faster_than_in_python():
+    sounds = [{"path": f"sounds/{k}.wav", "category": "dance", "start": k + 0.5} for k in range(300)]
+    text = canned.pairwise_text(sounds=sounds)
+    took = []
+    for parse in (parse_study, yaml.safe_load):
+        began = time.thread_time()
+        parse(text)
+        took.append(time.thread_time() - began)
+    assert 2 * took[0] < took[1]
+
+
+def test_settings_have_no_aliases_whose_copies_would_fill_the_memory():
+    rows = ["a: &a {kind: pairwise}", *(f"{b}: &{b} {{<<: [{', '.join(9 * ['*' + a])}]}}" for a, b in ("ab", "bc"))]
+    with pytest.raises(EchoAvatarError, match="alias"):
+        parse_study("\n".join(rows))
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "!!python/object/apply:os.system ['true']", "kind: pairwise"])

@@ -18,11 +18,13 @@ SAID = ("and", "you", "said", "that", "i", "think", "there", "are", "two", "smal
 TALK = [(word, 0.35 * at) for at, word in enumerate(SAID * 20)]
 
 
-def open_session(seed: int = 0, rewind: int = 32) -> Session:
+def open_session(
+    seed: int = 0, rewind: int = 32, *, liveliness: float = 1.0, additions: frozenset[str] = FakePipeline.additions
+) -> Session:
     pipeline = FakePipeline()
-    pipeline.actions = LIBRARY
+    pipeline.actions, pipeline.additions = LIBRARY, additions
     engine = Engine(pipeline, seats=1, rewind=rewind)  # type: ignore[arg-type]
-    return engine.open(seed=seed, options=MotionOptions(liveliness=1.0))
+    return engine.open(seed=seed, options=MotionOptions(liveliness=liveliness))
 
 
 def sound(seconds: float) -> np.ndarray:
@@ -88,6 +90,18 @@ def test_a_quiet_speaker_hardly_gestures():
     session.words(TALK)
     motion(session, 30)
     assert gestures(session) == []
+
+
+def test_where_both_hands_rest_in_speech_more_words_get_a_gesture():
+    """The pipeline's hands rest always; only sessions that look for rests tell the model to be lively then."""
+    counts = []
+    for additions in (frozenset[str](), frozenset({"settling"})):
+        sessions = [open_session(seed, liveliness=0.4, additions=additions) for seed in range(3)]
+        for session in sessions:
+            session.words(TALK)
+            motion(session, 40)
+        counts.append(sum(len(gestures(session)) for session in sessions))
+    assert counts[1] > 1.2 * counts[0] > 0
 
 
 def test_words_that_come_piece_by_piece_give_the_same():

@@ -14,10 +14,13 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
+from echoavatar.engine.manner import MIDDLE
 from echoavatar.engine.pipeline import Bundle, Pipeline
+from echoavatar.engine.settling import Settling
 from echoavatar.errors import AudioError
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.motion_chunk import join
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.align.policy import GeneratorPolicy
 from echoavatar_lab.align.prompts import PromptSampler, batch_of
@@ -30,6 +33,7 @@ from .settings import PreferenceStudy
 from .sources import SoundCut
 
 Codes = list[list[list[int]]]
+_TALKER = np.array([MIDDLE, MIDDLE, 1], np.float32)  # both hands work, in the middle of the dial
 
 
 class Candidate(NamedTuple):
@@ -109,15 +113,23 @@ def candidates(
 
 @torch.inference_mode()
 def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"]) -> list[Performance]:
-    """Turn codes into performances, one per row, through the live pipeline: decoder, face and all later stages."""
+    """Turn codes into performances, one per row, through the live pipeline: decoder, face and all later stages.
+
+    As in a session, a body talks unless its legs dance. The codes were drawn for no manner, so no hand is told to rest.
+    """
     rows, chunks = len(codes), codes.shape[1] // MOTION_TOKENS_PER_CHUNK
     generator, everyone = pipeline.generator, np.ones(len(codes), np.bool_)
-    state = pipeline.init_state(rows)
+    state, settling = pipeline.init_state(rows), [Settling(pipeline.chunk) for _ in range(rows)]
+    steps = list[list[MotionChunk]]()
     pipeline.reset(state, everyone, seed=0)
     pipeline.generator = ScriptedGenerator(codes.cpu().numpy())
     try:
         blocks = np.split(np.tile(sound[: chunks * CHUNK_SAMPLES], (rows, 1)), chunks, 1)
-        steps = [pipeline.step(block, state, everyone) for block in blocks]
+        for number, block in enumerate(blocks):
+            hands = np.stack([WHOLE if own.is_dancing(number - 1) else _TALKER for own in settling])
+            steps.append(pipeline.step(block, state, everyone, hands=hands if pipeline.has_manner else None))
+            for own, audio, made in zip(settling, block, steps[-1], strict=True):
+                own.made(number, audio, made, pipeline.skeleton)
     finally:
         pipeline.generator = generator
     whole = [join(list(row)) for row in zip(*steps, strict=True)]

@@ -4,13 +4,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-import yaml
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.limits import read_text
 from echoavatar.timing import CHUNK_SECONDS
+from echoavatar.yaml_reader import YAML_BYTES, read_yaml
 
 from .wire import MAX_CLIPS, QUESTIONS, Category, Presentation, Question
 
@@ -24,7 +24,6 @@ INTRO = "Please use headphones or loudspeakers, and watch every clip to its end 
 
 
 LARGEST_SEED = (1 << 31) - 1
-STUDY_BYTES = 1 << 16  # Python's reader of YAML takes a second for 100 KB
 LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
 
 
@@ -146,10 +145,7 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
     Raises:
         EchoAvatarError: the text is not YAML, or a field is missing, unknown or out of range.
     """
-    try:
-        stored = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last two: numbers and dates
-        raise EchoAvatarError(f"{name} is not YAML ({' '.join(str(error).split())[:200]})") from error
+    stored = read_yaml(text, name)
     if not isinstance(stored, dict):
         raise EchoAvatarError(f"{name} holds no settings; begin with `kind: pairwise` or `kind: preference`")
     try:
@@ -183,7 +179,7 @@ def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:
     Raises:
         EchoAvatarError: the file cannot be read, or its settings are invalid.
     """
-    text = read_text(path, "see docs/studio.md for its form", largest=STUDY_BYTES)
+    text = read_text(path, "see docs/studio.md for its form", largest=YAML_BYTES)
     return parse_study(text, name=path.name)
 
 

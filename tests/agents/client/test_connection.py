@@ -200,6 +200,46 @@ async def test_whoever_reads_while_the_session_is_closed_hears_of_its_end(monkey
         await asyncio.wait_for(drawing, 5)
 
 
+@pytest.mark.parametrize("is_open", [True, False])
+async def test_a_session_that_is_closed_is_not_opened_again_by_its_reader(
+    is_open: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The connection breaks while it is closed, as where a busy server says no farewell in time, or just before."""
+    came, breaks, again = list[ServerConnection](), asyncio.Event(), asyncio.Event()
+
+    async def answer(socket: ServerConnection) -> None:
+        came.append(socket)
+        await socket.recv()
+        if len(came) == 1:
+            await socket.send(encode(READY))
+            await breaks.wait()
+            socket.transport.abort()
+        else:
+            again.set()
+            await socket.wait_closed()
+
+    async def draw(avatar: Avatar) -> None:
+        async for _ in avatar:
+            pass
+
+    async def end_without_farewell() -> None:
+        breaks.set()
+        await avatar._socket.wait_closed()
+
+    async with serve(answer, "127.0.0.1", 0, compression=None) as place:
+        port = place.sockets[0].getsockname()[1]
+        async with connect(f"http://127.0.0.1:{port}") as avatar:
+            drawing = asyncio.create_task(draw(avatar))
+            if is_open:
+                await asyncio.sleep(0.1)
+                monkeypatch.setattr(avatar._socket, "close", end_without_farewell)
+            else:
+                breaks.set()
+                await asyncio.wait_for(again.wait(), 5)
+        await asyncio.wait_for(drawing, 5)
+        assert len(came) == 2 - is_open
+
+
 async def test_interrupt_act_and_music(server: RunningServer) -> None:
     async with connect(server.address) as avatar:
         await avatar.speak(np.full(96_000, 0.25, np.float32), words=[("hello", 0.5, 0.9), ("you", 2.0)])

@@ -80,6 +80,21 @@ def test_the_rate_of_the_keys_is_kept_over_ten_minutes(rate: float, tmp_path: Pa
     assert motion.frames == frames
 
 
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_each_stepped_key_is_shown_from_its_own_frame_on(unit: float, tmp_path: Path) -> None:
+    """In seconds or milliseconds, whose 32 bits say a minute with an error of two millionths of a second."""
+    angles = 0.1 * (np.arange(1_800) % 7)
+
+    def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+        times = (unit * np.arange(len(angles)) / 30).astype(np.float32)
+        turns = np.array([turn(angle) for angle in angles], np.float32)
+        return {"input": buffer.add(times, bounds=True), "output": buffer.add(turns), "interpolation": "STEP"}
+
+    motion = read_gltf_clip(animated(tmp_path / "a.glb", keys), "one")
+    arm = motion.matrices()[:, motion.skeleton.config.vrm["leftUpperArm"]]
+    np.testing.assert_allclose(np.arctan2(arm[:, 1, 0], arm[:, 0, 0]), angles, atol=1e-3)
+
+
 def test_an_animation_is_chosen_by_its_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
         times, turns = np.array([0, 0.1], np.float32), np.array([turn(0), turn(1)], np.float32)

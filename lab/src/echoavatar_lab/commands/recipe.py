@@ -17,35 +17,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import yaml
 from pydantic import ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import read_text
+from echoavatar.yaml_reader import YAML_BYTES, read_yaml
 from echoavatar_lab import paper
 
 from .config_options import add_field
 
 SECTIONS, PAPER = ("model", "training"), "paper"
-RECIPE_BYTES = 1 << 16  # Python's reader of YAML takes a second for 100 KB
-_MOST_BRACKETS = 20  # open at once; that reader's time grows with their square
 ConfigT = TypeVar("ConfigT", bound=Config)
-
-
-class _RecipeLoader(yaml.SafeLoader):  # type: ignore[misc]
-    """Reads plain values without aliases, which may name what holds them."""
-
-    def fetch_flow_collection_start(self, token: type[yaml.Token]) -> None:
-        if self.flow_level >= _MOST_BRACKETS:
-            raise yaml.YAMLError(f"more than {_MOST_BRACKETS} brackets are open")
-        super().fetch_flow_collection_start(token)
-
-    def compose_node(self, parent: yaml.Node, index: Any) -> yaml.Node:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("it has an alias (*name); write its values out")
-        return super().compose_node(parent, index)
 
 
 class Options:
@@ -152,11 +136,7 @@ def shipped(part: str) -> dict[str, Any]:
 
 def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
     """The sections of a recipe. Raises EchoAvatarError if the file is missing, is not YAML, or has other sections."""
-    text = read_text(path, "give the YAML file of a recipe", largest=RECIPE_BYTES)
-    try:
-        found = yaml.load(text, _RecipeLoader)
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last two: numbers and dates
-        raise EchoAvatarError(f"{path} is not YAML: {str(error)[:200]}") from error
+    found = read_yaml(read_text(path, "give the YAML file of a recipe", largest=YAML_BYTES), str(path))
     found = {} if found is None else found
     if not isinstance(found, dict) or not all(isinstance(found[key], dict) for key in found if key != PAPER):
         raise EchoAvatarError(f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings")

@@ -101,6 +101,7 @@ class Avatar:
         self._url, self._hello = url, hello
         self._socket: ClientConnection | None = None
         self._closing: asyncio.Task[None] | None = None
+        self._is_over = False  # its user closed it
         self._utterances = UtteranceQueue(hello.audio)
         self._ids = (f"py-{number}" for number in itertools.count(1))
         self._opened_at = 0.0  # by the loop's clock
@@ -175,7 +176,7 @@ class Avatar:
             try:
                 message = await self.receive()
             except ConnectionClosed as closed:
-                if not await self._reconnect(closed):
+                if self._is_over or not await self._reconnect(closed):
                     return
                 yield self.ready
                 continue
@@ -196,7 +197,7 @@ class Avatar:
         except ConcurrencyError:
             if self._closing is None:
                 raise
-            await asyncio.shield(self._closing)  # `close` reads what is left
+            await asyncio.shield(self._closing)  # `_hang_up` reads what is left
             data = await self._socket.recv(decode=False)
         message = decode_server(data)
         match message:
@@ -231,7 +232,7 @@ class Avatar:
             if not isinstance(ready, Ready):
                 raise ProtocolError("bad_order", "the server's first message was not `ready`")
         except BaseException as error:
-            await self.close()
+            await self._hang_up()
             if isinstance(error, OSError | TimeoutError | WebSocketException):
                 raise ConnectionLostError(
                     f"no server answers at {outgoing.redacted(self._url)} ({type(error).__name__}); "
@@ -242,7 +243,11 @@ class Avatar:
         self._opened_at = asyncio.get_running_loop().time()
 
     async def close(self) -> None:
-        """Close the connection; the session ends."""
+        """Close the connection; the session ends, and whoever iterates over it opens no other."""
+        self._is_over = True
+        await self._hang_up()
+
+    async def _hang_up(self) -> None:
         if self._socket is not None:
             self._closing = asyncio.create_task(self._socket.close())
             with suppress(ConnectionClosed, ConcurrencyError):  # another reader reads the rest
@@ -257,7 +262,7 @@ class Avatar:
             await self.send(Ping())
 
     async def _reconnect(self, closed: ConnectionClosed) -> bool:
-        """Reconnect and resume the session; false when the server closed it in an orderly way."""
+        """Reconnect and resume the session; false when the server closed it in an orderly way, or its user did."""
         code = closed.rcvd.code if closed.rcvd else 1006
         if code not in _RECONNECT_CODES:
             return False
@@ -280,6 +285,11 @@ class Avatar:
                 elif error.code != "overloaded" or attempt == RECONNECT_ATTEMPTS - 1:
                     raise
             await asyncio.sleep(_pause(attempt))
+            if self._is_over:
+                return False
+        if self._is_over:
+            await self._hang_up()
+            return False
         if self.ready.resumed:
             self._utterances.go_on(self.ready)
         else:

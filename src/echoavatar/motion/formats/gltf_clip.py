@@ -151,8 +151,8 @@ def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> _Track:
 def _at(track: _Track, times: Float[Array, " t"]) -> Float[Array, "t c"]:
     """The values at these times."""
     keys, values, kind = track
-    last = len(keys) - 1
-    before = np.clip(np.searchsorted(keys, times + 1e-6, "right") - 1, 0, last)
+    last, rounded = len(keys) - 1, 2 * np.spacing(np.float32(np.abs(keys).max()))
+    before = np.clip(np.searchsorted(keys, times + 1e-6 + rounded, "right") - 1, 0, last)
     after = np.minimum(before + 1, last)
     span = keys[after] - keys[before]
     share = np.clip((times - keys[before]) / np.where(span > 0, span, 1), 0, 1)[:, None]
