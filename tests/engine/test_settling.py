@@ -5,7 +5,7 @@ import pytest
 from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
-from echoavatar.engine.settling import Settling, joint_speed
+from echoavatar.engine.settling import Settling, arm_speed, joint_speed
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
@@ -212,3 +212,14 @@ def test_a_dance_that_came_to_rest_is_one_until_the_music_has_ended() -> None:
     for chunk in range(69, 71):
         settling.made(chunk, LOUD, limbs(STANDING, RESTING), HUMANOID)
     assert not settling.must_forget(71, LOUD)
+
+
+def test_a_shoulder_that_takes_over_some_of_its_arms_rotation_leaves_it_as_fast() -> None:
+    alone, shared = limbs(STANDING, 30.0), limbs(STANDING, 30.0)
+    for side in ("left", "right"):
+        arm, shoulder = HUMANOID.index(f"{side}UpperArm"), HUMANOID.index(f"{side}Shoulder")
+        for joint, share in ((shoulder, 0.3), (arm, 0.7)):
+            half = share * np.arctan2(alone.rotations[:, arm, 1], alone.rotations[:, arm, 0])
+            shared.rotations[:, joint, 0], shared.rotations[:, joint, 1] = np.cos(half), np.sin(half)
+    assert joint_speed(shared, HUMANOID, ARMS) == pytest.approx(25.5, abs=0.1)
+    assert arm_speed(shared, HUMANOID) == pytest.approx(arm_speed(alone, HUMANOID)) == pytest.approx(30, abs=0.1)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.kinematics.rotations import quaternion_multiply
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
@@ -24,11 +25,12 @@ STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that s
 DANCES, DANCES_S = 40.0, 4.0  # mean speed over 4 s that only dances reach; steps while talking stay under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
-RESTING = 27.0  # degrees per second, mean over the arms' joints behind `Stillness`: wrists at 0.3 m/s
+RESTING = 27.0  # degrees per second, mean over the arms' joints (`arm_speed`) behind `Stillness`: wrists at 0.3 m/s
 STIRS_S = 0.53  # of sound after which arms at rest are asked to work
 DANCE_RESTS_S, TALK_RESTS_S = 0.4, 2.13  # of sound after which arms at rest are freed, in a dance and else
 KEPT_S = 17.0  # how long chunks are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
+_SHOULDERS = ("leftShoulder", "rightShoulder")
 _ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
 
 
@@ -80,7 +82,7 @@ class Settling:
         before = self._chunks.get(chunk - 1, _Chunk(0, 0, 0.0, 0, False))
         quiet, silent = self._quiet(chunk, audio), self.silence(chunk, audio)
         most = RESTING * (1 if before.dances else size)
-        rests = _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < most
+        rests = _ARMS[0] in skeleton.names and arm_speed(motion, skeleton) < most
         rested = before.resting + (not silent) if rests and silent < self._recent else 0
         legs = joint_speed(motion, skeleton, _LEGS)
         now = self._chunks[chunk] = _Chunk(quiet, silent, legs, rested, before.dances)
@@ -106,9 +108,22 @@ class Settling:
 
 def joint_speed(motion: MotionChunk, skeleton: Skeleton, names: Sequence[str]) -> float:
     """Mean rotation speed of these joints, degrees per second; 0 for a rig without them."""
-    joints = [skeleton.index(name) for name in names if name in skeleton.names]
-    rotations = motion.rotations[:, joints]
-    if len(rotations) < 2 or not joints:
+    return _speed(motion.rotations[:, [skeleton.index(name) for name in names if name in skeleton.names]])
+
+
+def arm_speed(motion: MotionChunk, skeleton: Skeleton) -> float:
+    """Mean rotation speed of forearms, and of upper arms in the chest's frame, degrees per second.
+
+    A shoulder that takes over a part of its arm's rotation (`motion.stages.carriage`) leaves it as it is.
+    """
+    if not {*_ARMS, *_SHOULDERS} <= set(skeleton.names):
+        return joint_speed(motion, skeleton, _ARMS)
+    arms, shoulders = (motion.rotations[:, skeleton.indices(names)] for names in (_ARMS, _SHOULDERS))
+    return _speed(np.concatenate([quaternion_multiply(shoulders, arms[:, :2]), arms[:, 2:]], axis=1))
+
+
+def _speed(rotations: Float[np.ndarray, "t j 4"]) -> float:
+    if len(rotations) < 2 or not rotations.shape[1]:
         return 0.0
     now, then = rotations[1:], rotations[:-1]
     half = np.minimum(np.linalg.norm(now - then, axis=-1), np.linalg.norm(now + then, axis=-1))
