@@ -34,7 +34,7 @@ FACTOR, DECIBELS = 5.0, 14.0
 CONSTANTS = {  # by file of the package
     "motion/stages/smoother": "STIFFNESS BEND:share LATE FASTEST",
     "motion/stages/stillness": "STILL_HZ GAIN_HZ LEAK:share AVERAGE_S CATCH_UP TRAVEL TRAVEL_S",
-    "motion/stages/carriage": "HIPS RISES FORWARD HANGING HEAD HEAD_S",
+    "motion/stages/carriage": "HIPS LEANS RISES FORWARD HANGING HEAD HEAD_S",
     "motion/stages/feet": "ENTER_HEIGHT LEAVE_HEIGHT LEAVE_SPEED FADE:share SETTLE:share LARGEST LARGEST_ON_LEASH BACK"
     " STANDING_SPEED STEPPING_SPEED CLEARANCE CLEAR RISE:share | motion/stages/test_feet motion/stages/test_modes",
     "motion/stages/ground": "RELEASE_HEIGHT",

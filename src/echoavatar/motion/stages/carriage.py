@@ -2,8 +2,9 @@
 
 Captured talkers turn hips and trunk together, raise a shoulder with its arm, and move the head. The generator turns the
 trunk over hips that stand, keeps both shoulders down, and holds the head still. So hips take `HIPS` of the spine's
-turn; thighs and chest keep their directions. A shoulder rises and comes forward with its arm (scapulohumeral rhythm),
-which keeps its direction. With u and f, how far the direction points up and to the front (-1 to 1):
+turn about the vertical and `LEANS` of its lean; thighs and chest keep their directions. A shoulder rises and comes
+forward with its arm, which keeps its direction (scapulohumeral rhythm). With u and f, how far the arm points up and to
+the front (-1 to 1):
 
     rises by RISES tanh(u + HANGING), comes forward by FORWARD f    (radians)
 
@@ -29,7 +30,7 @@ from ..kinematics.quaternions import (
     write_quaternion,
 )
 
-HIPS = 0.4
+HIPS, LEANS = 0.4, 0.2
 RISES, FORWARD = 0.45, 0.16
 HANGING = 0.93  # how far a hanging arm points down
 HEAD, HEAD_S = 1.6, 1.5
@@ -37,11 +38,13 @@ HEAD, HEAD_S = 1.6, 1.5
 
 @kernel()
 def turn_hips(pose, hips, spine, legs, share):  # type: ignore[no-untyped-def]
-    """Move a share of the spine's turn into the hips, from which the spine and both legs hang."""
+    """Move some of the spine's turn and lean into the hips, from which the spine and both legs hang."""
     turn = IDENTITY
     for bone in range(len(spine)):
         turn = multiply(turn, read_quaternion(pose[spine[bone]]))
-    turn = between(IDENTITY, turn, share)
+    yaw = normalized((turn[0], 0.0, turn[2], 0.0))
+    lean = multiply(conjugate(yaw), turn)
+    turn = multiply(between(IDENTITY, yaw, share * HIPS), between(IDENTITY, lean, share * LEANS))
     back = conjugate(turn)
     write_quaternion(pose[hips], multiply(read_quaternion(pose[hips]), turn))
     write_quaternion(pose[spine[0]], multiply(back, read_quaternion(pose[spine[0]])))

@@ -53,7 +53,7 @@ from ..kinematics.quaternions import (
     write_quaternion,
     write_vector,
 )
-from .carriage import HIPS, free_head, raise_shoulder, turn_hips
+from .carriage import free_head, raise_shoulder, turn_hips
 from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
@@ -281,6 +281,6 @@ def rest(  # type: ignore[no-untyped-def]
                 raise_shoulder(now, joints[side], offsets[side], free * hands[row, 2])
             talks = free * hands[row, 2]
             if turns[row]:
-                turn_hips(now, hips, spine, legs, talks * HIPS)
+                turn_hips(now, hips, spine, legs, talks)
             free_head(now, head, means[row], talks * min(larger, 1.0), fps, has_shown[row])
             has_shown[row] = True
