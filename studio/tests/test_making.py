@@ -122,5 +122,5 @@ def test_a_mismatch_is_of_a_system_of_its_group():
             {"name": "Gamma", "clips": "Gamma", "group": "B"},
             {"name": "Beta", "clips": "Beta", "group": "B"},
         ]
-        with pytest.raises(EchoAvatarError, match=f"mismatched of '{wrong}'"):
+        with pytest.raises(EchoAvatarError, match=f"mismatched is '{wrong}'"):
             parse_study(canned.pairwise_text(systems=systems))
