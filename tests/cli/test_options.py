@@ -21,6 +21,13 @@ def test_an_address_is_no_path() -> None:
         local_path("https://example.org/talk.wav")
 
 
+@pytest.mark.parametrize("given", ["-0.1", "1.5", "nan", "much"])
+def test_a_share_that_is_none_is_told_what_is_wanted(given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["animate", "a.wav", "-o", "a.glb", f"--liveliness={given}"])
+    assert f"--liveliness: '{given}' is not a number from 0 to 1" in capsys.readouterr().err
+
+
 def test_a_client_takes_its_token_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ECHOAVATAR_TOKEN", "secret")
     parser = argparse.ArgumentParser()
@@ -34,3 +41,4 @@ def test_a_seed_that_no_generator_takes_is_wrong_usage(given: str, capsys: pytes
     with pytest.raises(SystemExit) as stop:
         main(["animate", "a.wav", "-o", "a.glb", f"--seed={given}"])
     assert stop.value.code == 2
+    assert "a seed is a number from 0 to" in capsys.readouterr().err
