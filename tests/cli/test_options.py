@@ -2,8 +2,8 @@ import argparse
 
 import pytest
 
-from echoavatar.cli import main
-from echoavatar.cli.options import add_server, local_path, size
+from echoavatar.cli import build_parser, main
+from echoavatar.cli.options import local_path, size
 
 
 def test_a_size_is_two_even_numbers() -> None:
@@ -28,12 +28,15 @@ def test_a_share_that_is_none_is_told_what_is_wanted(given: str, capsys: pytest.
     assert f"--liveliness: '{given}' is not a number from 0 to 1" in capsys.readouterr().err
 
 
-def test_a_client_takes_its_token_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "words", [["say", "a.wav"], ["proxy", "--upstream", "wss://a"], ["elevenlabs", "setup"], ["camera"], ["mcp"]]
+)
+def test_a_client_takes_its_token_from_the_environment(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ECHOAVATAR_TOKEN", raising=False)
+    assert build_parser(words[:1]).parse_args(words).token == ""
     monkeypatch.setenv("ECHOAVATAR_TOKEN", "secret")
-    parser = argparse.ArgumentParser()
-    add_server(parser)
-    assert parser.parse_args([]).token == "secret"
-    assert parser.parse_args(["--token", "other"]).token == "other"
+    assert build_parser(words[:1]).parse_args(words).token == "secret"
+    assert build_parser(words[:1]).parse_args([*words, "--token", "other"]).token == "other"
 
 
 @pytest.mark.parametrize("given", ["-1", str(1 << 62), "9" * 5_000, "a"])

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import os
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,7 +49,7 @@ def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
     )
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    parser.add_argument("--token", default="", help=f"the server's token; default ${TOKEN}")
 
 
 def choose_token(given: str | None, host: str) -> tuple[str, bool]:
