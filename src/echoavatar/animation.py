@@ -140,7 +140,7 @@ def animate(
     Raises:
         AudioError: the sound is missing, empty or not sound.
         CheckpointError: there is no such model.
-        MotionError: `fps` is not above 0, or is above 1000.
+        MotionError: `fps` is below 0.1 or above 1000.
     """
     blocks = stream_audio(sound) if isinstance(sound, str | Path) else in_blocks(_resampled(sound, rate))
     pipeline = _loaded(str(model), device)

@@ -7,6 +7,7 @@ from studio.tests import canned
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.tables import write_npz
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar_studio.clips import save_sound
 from echoavatar_studio.settings import SoundChoice, SystemChoice
 from echoavatar_studio.sources import from_folder, inside, perform, read_sounds
@@ -34,6 +35,20 @@ def test_sound_and_motion_are_cut_alike(place):
     assert one.face is not None
     assert one.face.shape == (30, 52)
     assert (two.motion.frames, two.face) == (30, None)
+
+
+@pytest.mark.parametrize("fps", [25.0, 60.0])
+def test_a_face_at_another_rate_keeps_its_time(place, fps):
+    clip = resample(canned.moving(2.0, 1.0), fps)
+    face = np.tile(np.arange(clip.frames)[:, None] / (2 * fps), (1, 52)).astype(np.float32)
+    write_npz(place / "clips" / "one.npz", clip, face=face)
+    sound = SoundChoice(path="sounds/one.flac", category="gesture", start=0.5)
+    (cut,) = read_sounds([sound], place, seconds=1.0)
+    shown = from_folder(place / "clips", "A", cut)
+    assert shown.face is not None
+    np.testing.assert_allclose(shown.face[:, 0], np.arange(15, 45) / 60, atol=1e-5)
+    write_npz(place / "clips" / "one.npz", clip, face=face[:-1])
+    assert from_folder(place / "clips", "A", cut).face is None
 
 
 def test_the_same_name_twice_is_told_apart(place):

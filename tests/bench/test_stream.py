@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echoavatar.bench.stream import bench_stream
+from echoavatar.bench.stream import StageTimer, bench_stream
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline import bundle as bundles
 from echoavatar.engine.pipeline.pipeline import STAGES
@@ -12,12 +12,16 @@ from echoavatar.models.generator import GeneratorConfig, qwen_half_billion
 from echoavatar.models.tokens import TokenLayout
 
 
-def test_stages_add_up_to_the_chunk(tiny_bundle: Path) -> None:
+def test_stages_add_up_to_the_chunk(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In every chunk the stages take no longer than the whole, and most of it; so do their medians."""
+    timer = StageTimer()
+    monkeypatch.setattr("echoavatar.bench.stream.StageTimer", lambda is_cuda: timer)
     pipeline = Pipeline(load_bundle(tiny_bundle))
+    before = pipeline.on_stage
     report = bench_stream(pipeline, seconds=3)
+    assert pipeline.on_stage is before, "the pipeline goes on without the timer"
     chunks = round(3 / pipeline.chunk.seconds)
-    stages = [pipeline.on_stage.stages[stage][-chunks:] for stage in STAGES]
+    stages = [timer.stages[stage][-chunks:] for stage in STAGES]
     parts, whole = np.median(np.sum(stages, axis=0)), report.stages_ms["whole chunk"][0]
     assert 0.5 * whole < parts <= whole
     assert abs(report.summary["seconds"] - 3) < 0.3

@@ -303,6 +303,7 @@ def test_outputs_that_would_collide_are_refused(
         (["x.wav", "-o", "x.mp4", "--size", "tall"], "write it as 1280x720, or wide, portrait, square"),
         (["x.wav", "-o", "x.mp4", "--size", "101x64"], "even"),
         (["x.wav", "-o", "x.mp4", "--fps", "0"], "not a frame rate"),
+        (["x.wav", "-o", "x.mp4", "--fps", "fast"], "'fast' is not a frame rate from 1 to 1000"),
     ],
 )
 def test_arguments_that_mean_nothing_are_refused(

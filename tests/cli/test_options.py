@@ -2,8 +2,8 @@ import argparse
 
 import pytest
 
-from echoavatar.cli import main
-from echoavatar.cli.options import add_server, local_path, size
+from echoavatar.cli import build_parser, main
+from echoavatar.cli.options import local_path, size
 
 
 def test_a_size_is_two_even_numbers() -> None:
@@ -21,12 +21,22 @@ def test_an_address_is_no_path() -> None:
         local_path("https://example.org/talk.wav")
 
 
-def test_a_client_takes_its_token_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("given", ["-0.1", "1.5", "nan", "much"])
+def test_a_share_that_is_none_is_told_what_is_wanted(given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["animate", "a.wav", "-o", "a.glb", f"--liveliness={given}"])
+    assert f"--liveliness: '{given}' is not a number from 0 to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["say", "a.wav"], ["proxy", "--upstream", "wss://a"], ["elevenlabs", "setup"], ["camera"], ["mcp"]]
+)
+def test_a_client_takes_its_token_from_the_environment(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ECHOAVATAR_TOKEN", raising=False)
+    assert build_parser(words[:1]).parse_args(words).token == ""
     monkeypatch.setenv("ECHOAVATAR_TOKEN", "secret")
-    parser = argparse.ArgumentParser()
-    add_server(parser)
-    assert parser.parse_args([]).token == "secret"
-    assert parser.parse_args(["--token", "other"]).token == "other"
+    assert build_parser(words[:1]).parse_args(words).token == "secret"
+    assert build_parser(words[:1]).parse_args([*words, "--token", "other"]).token == "other"
 
 
 @pytest.mark.parametrize("given", ["-1", str(1 << 62), "9" * 5_000, "a"])
@@ -34,3 +44,4 @@ def test_a_seed_that_no_generator_takes_is_wrong_usage(given: str, capsys: pytes
     with pytest.raises(SystemExit) as stop:
         main(["animate", "a.wav", "-o", "a.glb", f"--seed={given}"])
     assert stop.value.code == 2
+    assert "a seed is a number from 0 to" in capsys.readouterr().err

@@ -8,14 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 import soundfile
-from tests.agents.client.test_recording import READY, motion
+from tests.agents.client.test_recording import READY, motion, sound
 from tests.models.audio.sounds import encode, joined, level_db, tagged, with_sizes
 from tests.models.audio.sounds import talk as speech
 from tests.server.fakes import serving
@@ -26,7 +26,7 @@ from websockets.sync.server import ServerConnection, serve
 from echoavatar.cli import main
 from echoavatar.models.audio import read_audio
 from echoavatar.wire import codec
-from echoavatar.wire.messages import Sound
+from echoavatar.wire.messages import Error, Sound, State
 
 
 @pytest.fixture
@@ -129,18 +129,42 @@ def test_a_server_that_never_ends_is_left(
 
     monkeypatch.setattr("echoavatar.cli.say.PATIENCE_S", 0.5)
     monkeypatch.setattr("echoavatar.cli.say.SPARE_S", 1.0)
-    with serve(answer, "127.0.0.1", 0, compression=None) as liar:
-        thread = threading.Thread(target=liar.serve_forever, daemon=True)
-        thread.start()
-        address = f"http://127.0.0.1:{liar.socket.getsockname()[1]}"
+    with answering(answer) as address:
         began = time.monotonic()
         assert main(["say", str(talk), "--server", address]) == 1
         assert time.monotonic() - began < 8, "what was not read yet holds nobody up"
         left.set()
-        liar.shutdown()
     told = capsys.readouterr().err
     assert said in told
     assert told.count("\n") == 1
+
+
+@contextlib.contextmanager
+def answering(answer: Callable[[ServerConnection], None]) -> Iterator[str]:
+    """The address of a server that gives this answer to hello and closes."""
+    with serve(answer, "127.0.0.1", 0, compression=None) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+
+
+def test_an_error_that_is_not_fatal_is_told_and_the_recording_goes_on(
+    talk: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def answer(socket: ServerConnection) -> None:
+        socket.recv()
+        warning = Error(code="internal", message="the engine was restarted", fatal=False, retry_after=0.0)
+        end = State(state="idle", at=6_400, seg=0, finished=1)
+        for message in (READY, warning, motion(0, 0.0), sound(0, 0.5, seg=1), end):
+            socket.send(codec.encode(message))
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                socket.recv(timeout=5)
+
+    with answering(answer) as address:
+        assert main(["say", str(talk), "--server", address, "-o", str(tmp_path / "a.npz")]) == 0
+    assert "the server says: the engine was restarted" in caplog.text
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["seconds"] == pytest.approx(8 / 30, abs=1e-3)
 
 
 def test_sinks_show_the_motion_at_playback_speed(talk: Path, capsys: pytest.CaptureFixture[str]) -> None:

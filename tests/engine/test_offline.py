@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.errors import AudioError
+from echoavatar.errors import AudioError, MotionError
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,14 @@ def test_cutting_the_sound_does_not_change_the_motion(pipeline: Pipeline, voice:
 def test_no_sound_is_an_error_that_says_so(pipeline: Pipeline) -> None:
     with pytest.raises(AudioError, match="no sound"):
         animate(pipeline, [])
+
+
+@pytest.mark.parametrize("fps", [0, -30, 0.001, 1001, float("nan")])
+def test_a_wrong_frame_rate_is_refused_before_any_sound_is_read(pipeline: Pipeline, fps: float) -> None:
+    unread = iter([np.zeros(800, np.float32)])
+    with pytest.raises(MotionError, match="frames per second"):
+        animate(pipeline, unread, fps=fps)
+    assert len(list(unread)) == 1
 
 
 def test_progress_counts_seconds(pipeline: Pipeline, voice: np.ndarray) -> None:

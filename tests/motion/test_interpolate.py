@@ -112,7 +112,7 @@ def test_a_stream_without_face_stays_without() -> None:
 
 
 def test_impossible_rates_and_empty_streams_are_explained() -> None:
-    with pytest.raises(MotionError, match="choose 1 to 1000"):
+    with pytest.raises(MotionError, match="choose 0.1 to 1000"):
         StreamInterpolator(0)
     with pytest.raises(MotionError, match="nothing was pushed"):
         StreamInterpolator(60).finish()

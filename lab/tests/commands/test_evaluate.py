@@ -25,10 +25,11 @@ def test_a_measure_has_the_options_before_and_behind_its_name() -> None:
     assert parser.parse_args(["evaluate", "mine"]).measure is None
 
 
-def test_no_performance_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("given", ["0", "twice"])
+def test_no_performance_at_all_is_refused(given: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["evaluate", "default", "--repeats", "0"])
-    assert "at least once, got 0" in capsys.readouterr().err
+        main(["evaluate", "default", "--repeats", given])
+    assert f"'{given}' is not a number from 1 on" in capsys.readouterr().err
 
 
 def test_actions_of_the_head_are_told_by_how_far_it_turns(

@@ -9,7 +9,9 @@ from tests.models.generator.tiny import config, generator
 
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar.motion.stages.post import Post
 from echoavatar_lab.commands import evaluate_measures
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 from echoavatar_lab.data import MUSIC, SPEECH
@@ -19,6 +21,7 @@ from echoavatar_lab.evaluation.codes import (
     reliance,
     reliance_rows,
     reliance_table,
+    replayed,
     sharing_in_speech,
     token_clips,
     true_codes,
@@ -113,6 +116,28 @@ def test_hands_share_their_work_in_speech_alone():
     assert found["hands: heights together"] == pytest.approx(1)
     assert sharing_in_speech([Track(places, speeds, domain[::-1].copy())])["hands: heights together"] < 0.5
     assert np.isnan(list(sharing_in_speech([Track(places[:250], speeds, domain[:250])]).values())).all()
+
+
+def test_a_replayed_body_talks_where_its_legs_do_not_dance(voice):
+    """An arm swings alone, then with legs that dance, which a session notices within seconds."""
+    frames, post = 240, Post(HUMANOID)
+    swing = np.sin(2 * np.pi * np.arange(frames) / 30)
+    audio = np.resize(voice, frames * 800)
+
+    def moved(joints):
+        turns = np.zeros((frames, HUMANOID.joints, 3), np.float32)
+        turns[:, HUMANOID.indices(joints), 0] = swing[:, None]
+        root = np.tile(HUMANOID.offsets[:1], (frames, 1))
+        return Motion(HUMANOID, quaternion_from_axis_angle(turns), root, 30.0)
+
+    arms, legs = ("leftUpperArm", "leftLowerArm"), ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
+    talks, dances = moved(arms), moved(arms + legs)
+    apart = {}
+    for name, motion in (("talks", talks), ("dances", dances)):
+        plain, spoken = replayed(post, motion), replayed(post, motion, audio)
+        apart[name] = np.abs(plain.rotations - spoken.rotations)[-60:].max()
+    assert apart["talks"] > 0.02
+    assert apart["dances"] < 1e-3
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])

@@ -63,23 +63,26 @@ def bench_stream(
     engine = Engine(pipeline, seats=sessions, workers=0)
     seats = [engine.open_core(seed=seat) for seat in range(sessions)]
     chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(is_cuda=pipeline.device != "cpu"), [], []
-    pipeline.on_stage = timer
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.has_opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
-    for index in range(chunks):
-        for seat in seats:
-            seat.push(_sound(rng, index, chunk))
-        timer.start()
-        began = time.perf_counter()
-        engine.tick()
-        chunk_ms.append((time.perf_counter() - began) * 1000)
-        for seat in seats:
-            seat.take()
-        if index >= warm_up and (index - warm_up) % 50 == 0:
-            memory.append(resident_mb())
-        if progress:
-            progress(index + 1, chunks)
+    before, pipeline.on_stage = pipeline.on_stage, timer
+    try:
+        for index in range(chunks):
+            for seat in seats:
+                seat.push(_sound(rng, index, chunk))
+            timer.start()
+            began = time.perf_counter()
+            engine.tick()
+            chunk_ms.append((time.perf_counter() - began) * 1000)
+            for seat in seats:
+                seat.take()
+            if index >= warm_up and (index - warm_up) % 50 == 0:
+                memory.append(resident_mb())
+            if progress:
+                progress(index + 1, chunks)
+    finally:
+        pipeline.on_stage = before
     memory.append(resident_mb())
     for seat in seats:
         seat.close()

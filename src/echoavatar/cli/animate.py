@@ -11,7 +11,19 @@ from typing import TYPE_CHECKING
 from echoavatar.errors import AudioError, EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
-from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, local_path, progress, seed, size
+from .options import (
+    MAP_HELP,
+    RIG_HELP,
+    VIEWS,
+    add_manner,
+    add_picture,
+    add_pipeline,
+    between,
+    local_path,
+    progress,
+    seed,
+    size,
+)
 
 if TYPE_CHECKING:
     from echoavatar.files.avatar import Character
@@ -40,6 +52,8 @@ Live Link Face; .face47.csv is the face in the 47 channels of the paper authors'
 the format of BEAT2. BVH cannot store a face. FBX is written by Blender or bpy; USD needs usd-core. The input may be
 anything that FFmpeg reads, at any rate and with any number of channels. More: docs/integrations/exports.md
 """
+
+_rate = between(1, 1000, "a frame rate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -176,10 +190,3 @@ def _readable(sound: Path) -> Iterator[Path]:
             yield kept
         except AudioError as error:
             raise AudioError(str(error).replace(str(kept), "standard input")) from error
-
-
-def _rate(text: str) -> float:
-    rate = float(text)
-    if not 1 <= rate <= 1000:
-        raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
-    return rate

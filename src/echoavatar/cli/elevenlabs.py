@@ -9,8 +9,6 @@ from typing import Any
 from echoavatar.errors import EchoAvatarError
 from echoavatar.limits import read_text
 
-from .options import TOKEN
-
 EXAMPLES = """examples:
   echoavatar elevenlabs setup --dry-run                     (print the requests; needs no key and no network)
   echoavatar elevenlabs setup --name "My idol"              (needs ELEVENLABS_API_KEY)
@@ -39,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = setup.add_mutually_exclusive_group()
     where.add_argument("--model", default="default", help="bundle whose actions are offered (default: %(default)s)")
     where.add_argument("--server", metavar="URL", help="offer the actions and music of a running server instead")
-    setup.add_argument("--token", default=os.environ.get(TOKEN, ""), help="the server's token")
+    setup.add_argument("--token", default="", help="the server's token")
     setup.add_argument(
         "--base-url", default="", metavar="URL", help="address of their API, for other regions and tests"
     )

@@ -1,7 +1,7 @@
 """Options, and words for them, that several commands share."""
 
 import argparse
-import os
+import math
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -49,7 +49,7 @@ def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
     )
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    parser.add_argument("--token", default="", help=f"the server's token; default ${TOKEN}")
 
 
 def choose_token(given: str | None, host: str) -> tuple[str, bool]:
@@ -95,11 +95,22 @@ def add_manner(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _share(text: str) -> float:
-    number = float(text)
-    if not 0 <= number <= 1:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
-    return number
+def between(low: float, high: float, what: str) -> Callable[[str], float]:
+    """A type for numbers from `low` to `high`; `what` names such a number in complaints."""
+
+    def read(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what} from {low:g} to {high:g}")
+        return number
+
+    return read
+
+
+_share = between(0, 1, "a number")
 
 
 def local_path(text: str) -> Path:
@@ -109,9 +120,19 @@ def local_path(text: str) -> Path:
     return Path(text)
 
 
+def count(text: str) -> int:
+    """How many there are of something, 1 or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
+    return int(text)
+
+
 def seed(text: str) -> int:
     """A seed that all generators of random numbers take."""
-    number = int(text)
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
     if not 0 <= number < LARGEST_SEED:
         raise argparse.ArgumentTypeError(f"a seed is a number from 0 to {LARGEST_SEED - 1}")
     return number

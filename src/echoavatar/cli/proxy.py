@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime")
     parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"token of that server; default ${TOKEN}")
+    parser.add_argument("--token", default="", help=f"token of that server; default ${TOKEN}")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8766, help="port; 0: any free one (default: %(default)s)")
     parser.add_argument(

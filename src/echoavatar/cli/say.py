@@ -3,11 +3,12 @@
 import argparse
 import asyncio
 import json
+import logging
 import time
 from contextlib import AsyncExitStack, closing
 from pathlib import Path
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError, one_line
 from echoavatar.outgoing import redacted
 
 from .batch import check_apart
@@ -22,6 +23,8 @@ EXAMPLES = """examples:
   echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz
   echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback
 The last line is JSON: seconds of motion, of work and until the first motion, and bytes of motion."""
+
+_LOG = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,8 +94,10 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
                         await avatar.played(avatar.received)
                     case ActionStatus(status="rejected"):
                         raise EchoAvatarError(message.reason)
-                    case Error():
+                    case Error(fatal=True):
                         raise EchoAvatarError(message.message)
+                    case Error():
+                        _LOG.warning("the server says: %s", one_line(message.message))
                 if recorder.has(seg):
                     break
         recording = recorder.recording(seg)

@@ -26,6 +26,7 @@ LIVELIEST = 0.85  # what the model is told for liveliness 1; it saw few livelier
 # less often rather than less far.
 SMALLEST, CALM, MIDDLE, LARGEST = 0.35, 1.0, 1.1, 1.3
 SIZED = (0, 0.6, 1, 2)
+TALKER = np.array([MIDDLE, MIDDLE, 1], np.float32)  # `hands` of a speaker in the middle of the dial, both at work
 DRIFT = 0.15  # how far a number wanders from what was drawn
 STEP = CHUNK  # 0.27 s: every decision here holds at least so long, whatever the bundle's chunk
 DRIFT_STEPS = 45  # 12 s, two or three phrases, from one drawn place to the next

@@ -63,7 +63,9 @@ def animate(
     Raises:
         AudioError: the sound is empty, or a value is not finite.
         EchoAvatarError: the words are wrong.
+        MotionError: `fps` is below 0.1 or above 1000.
     """
+    display = None if fps == FRAME_RATE_HZ else StreamInterpolator(fps)
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
     started = time.perf_counter()
@@ -78,11 +80,7 @@ def animate(
     audio = np.concatenate(heard) if heard else np.zeros(0, np.float32)
     if not len(audio):
         raise AudioError("there is no sound in it; give a file with at least one sample")
-    if fps == FRAME_RATE_HZ:
-        whole = join(chunks)
-    else:
-        display = StreamInterpolator(fps)
-        whole = join([*(display.push(chunk) for chunk in chunks), display.finish()])
+    whole = join(chunks) if display is None else join([*(display.push(chunk) for chunk in chunks), display.finish()])
     work_s = time.perf_counter() - started
     return cut_to_sound(whole, audio, skeleton=pipeline.skeleton, fps=fps, work_s=work_s)
 

@@ -85,26 +85,19 @@ class Feeling:
         sound = np.concatenate([before.sound, speech]).astype(np.float64)
         windows = np.lib.stride_tricks.sliding_window_view(sound, _WINDOW)[::_HOP][: 2 * frames]
         levels = 10 * np.log10(np.square(windows[:, -_HOP:]).mean(1) + 1e-12)
-        loudest = list(accumulate(levels.tolist(), _loudest, initial=before.loudest))[1:]
-        is_loud, shown = levels >= np.array(loudest) - QUIET_DB, np.zeros((frames, len(FEELINGS)))
+        peaks = list(accumulate(levels.tolist(), loudest, initial=before.loudest))[1:]
+        is_loud, shown = levels >= np.array(peaks) - QUIET_DB, np.zeros((frames, len(FEELINGS)))
         bands, sums, usual = (part.copy() for part in (before.bands, before.sums, before.usual))
         rest = np.array([before.pitch, before.known_s, *before.shown])
         power = np.square(np.abs(np.fft.rfft(windows[is_loud] * _HANN, _FFT)))
         same = np.fft.irfft(power)[:, :_LAST] / _TAPER  # the correlation with the sound so many samples before
         fits = np.ascontiguousarray(same[:, _FIRST:] / np.maximum(same[:, :1], 1e-12))
-        floor = 10 ** (np.array(loudest)[is_loud, None] / 10 - 7) * _TAPER[0]
+        floor = 10 ** (np.array(peaks)[is_loud, None] / 10 - 7) * _TAPER[0]
         found = 10 * np.log10(np.add.reduceat(power, _EDGES, axis=1)[:, :-1] / np.diff(_EDGES) + floor)
         _follow(is_loud, found, fits, bands, sums, usual, rest, shown)
         pitch, known_s = rest[:2].tolist()
         self.memories[chunk] = Memory(
-            sound[len(speech) :],
-            bands,
-            sums,
-            loudest[-1] if loudest else before.loudest,
-            pitch,
-            usual,
-            known_s,
-            rest[2:],
+            sound[len(speech) :], bands, sums, peaks[-1] if peaks else before.loudest, pitch, usual, known_s, rest[2:]
         )
         self.memories.pop(chunk - KEPT, None)
         return shown
@@ -115,9 +108,9 @@ def warm_up() -> None:
     Feeling().hear(0, np.zeros(SAMPLES_PER_FRAME, np.float32))
 
 
-def _loudest(before: float, level: float) -> float:
-    """The loudest of the last seconds, dB, with one more hop of this level."""
-    return max(before - _FORGETS_DB, level, FAINTEST_DB + QUIET_DB)
+def loudest(before: float, level: float, forgets: float = _FORGETS_DB) -> float:
+    """The loudest of the last seconds, dB, with one more stretch of this level; it fades by `forgets`."""
+    return max(before - forgets, level, FAINTEST_DB + QUIET_DB)
 
 
 @kernel()

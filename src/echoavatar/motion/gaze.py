@@ -21,6 +21,7 @@ from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
+from .feeling import FAINTEST_DB, QUIET_DB, loudest
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
 from .kinematics.quaternions import (
@@ -59,8 +60,6 @@ OWED_S = (0.3, 0.9)  # seconds of contact beyond its share, after which the eyes
 MOST_OWED_S = 1.5  # bound on seconds beyond or below the share, so that one long pause does not decide the next minute
 ASIDE, UPWARDS = np.radians([9, 18]), np.radians([-10, 7])  # where glances go from the viewer
 SACCADE = 2  # frames
-QUIET_DB = 25.0  # sound so far under the loudest of the last seconds is a pause
-FAINTEST_DB = -60.0  # fainter sound is a pause, too
 _FORGETS_DB = 0.15  # per frame: the loudest of the last seconds fades
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
@@ -146,14 +145,14 @@ class Gaze:
 
     def _next(self, frame: int, level: float, place: _Place) -> _Place:
         """The next frame of looks and glances, whose sound has this level (dB)."""
-        loudest = max(place.loudest - _FORGETS_DB, FAINTEST_DB + QUIET_DB, level)
-        silent = 0 if level > loudest - QUIET_DB else place.silent + 1
+        peak = loudest(place.loudest, level, _FORGETS_DB)
+        silent = 0 if level > peak - QUIET_DB else place.silent + 1
         begins = silent == 0 and place.silent >= PAUSE_S * FRAME_RATE_HZ
         speaks = silent < SPEAKS_S * FRAME_RATE_HZ
         share = self._contact if speaks else min(1.0, LISTENS * self._contact)
         most = MOST_OWED_S * FRAME_RATE_HZ
         owed = min(max(place.owed + (-share if place.away else 1 - share), -most), most)
-        place = place._replace(since=place.since + 1, owed=owed, silent=silent, loudest=loudest)
+        place = place._replace(since=place.since + 1, owed=owed, silent=silent, loudest=peak)
         if place.away:
             is_over = place.away == 1 or silent == round(ENDS_S * FRAME_RATE_HZ)
             if is_over and owed < place.most:

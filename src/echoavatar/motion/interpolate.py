@@ -16,7 +16,7 @@ import numpy as np
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .kinematics.motion import align_signs, catmull_rom, frame_ratio
+from .kinematics.motion import SLOWEST_HZ, align_signs, catmull_rom, frame_ratio
 from .motion_chunk import MotionChunk, join
 
 
@@ -24,9 +24,9 @@ class StreamInterpolator:
     """One session's frames at another rate."""
 
     def __init__(self, fps: float) -> None:
-        """Raises MotionError for a rate outside 0 to 1000."""
-        if not 0 < fps <= 1000:
-            raise MotionError(f"cannot go to {fps} frames per second; choose 1 to 1000")
+        """Raises MotionError for a rate outside 0.1 to 1000."""
+        if not SLOWEST_HZ <= fps <= 1000:
+            raise MotionError(f"cannot go to {fps} frames per second; choose {SLOWEST_HZ} to 1000")
         self._step = frame_ratio(FRAME_RATE_HZ, fps)  # source frames per new frame
         self.reset()
 

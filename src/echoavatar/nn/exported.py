@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Shaped
 
 from echoavatar.errors import CheckpointError
+from echoavatar.stored import WEIGHTS
 
 from .state import StreamState
 
-WEIGHTS = "model.safetensors"
 _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
 
 

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from echoavatar.engine.manner import MIDDLE
+from echoavatar.engine.manner import TALKER
 from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.engine.settling import Settling
 from echoavatar.errors import AudioError
@@ -33,7 +33,6 @@ from .settings import PreferenceStudy
 from .sources import SoundCut
 
 Codes = list[list[list[int]]]
-_TALKER = np.array([MIDDLE, MIDDLE, 1], np.float32)  # both hands work, in the middle of the dial
 
 
 class Candidate(NamedTuple):
@@ -126,7 +125,7 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
     try:
         blocks = np.split(np.tile(sound[: chunks * CHUNK_SAMPLES], (rows, 1)), chunks, 1)
         for number, block in enumerate(blocks):
-            hands = np.stack([WHOLE if own.is_dancing(number - 1) else _TALKER for own in settling])
+            hands = np.stack([WHOLE if own.is_dancing(number - 1) else TALKER for own in settling])
             steps.append(pipeline.step(block, state, everyone, hands=hands if pipeline.has_manner else None))
             for own, audio, made in zip(settling, block, steps[-1], strict=True):
                 own.made(number, audio, made, pipeline.skeleton)

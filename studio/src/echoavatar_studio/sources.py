@@ -10,12 +10,12 @@ from jaxtyping import Float
 from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
+from echoavatar.files.exports import Take
 from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NpzArrays, read_npz
-from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import Clip
 from echoavatar_lab.models.fingers.clips import on_our_rig
@@ -105,7 +105,8 @@ def from_folder(folder: Path, name: str, cut: SoundCut) -> Performance:
             f"system {name!r} has no clip {cut.stem}.npz or {cut.stem}.bvh in {folder}; clips are named after the sound"
             " files"
         )
-    motion = on_our_rig(_read(path))
+    take = _read(path).at(FRAME_RATE_HZ)
+    motion = on_our_rig(take.motion)
     first = round(cut.start * FRAME_RATE_HZ)
     frames = len(cut.audio) * FRAME_RATE_HZ // SAMPLE_RATE_HZ
     if motion.frames < first + frames:
@@ -113,31 +114,24 @@ def from_folder(folder: Path, name: str, cut: SoundCut) -> Performance:
             f"{path} lasts {motion.seconds:.1f} s, the study shows seconds {cut.start:g} to"
             f" {cut.start + frames / FRAME_RATE_HZ:g}; make it for the whole sound"
         )
-    face = _face(path)
-    shown = None if face is None or len(face) < first + frames else face[first : first + frames]
-    return Performance(motion.cut(first, first + frames), shown)
+    face = None if take.face is None else take.face[first : first + frames]
+    return Performance(motion.cut(first, first + frames), face)
 
 
-def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:
-    """The ARKit curves that `animate` wrote beside the motion; None without any at 30 fps."""
-    if path.suffix != ".npz":
-        return None
-    with NpzArrays(path, MotionError) as stored:
-        if "face" not in stored or float(stored["fps"]) != FRAME_RATE_HZ:
-            return None
-        face: Float[np.ndarray, "t 52"] = stored["face"].astype(np.float32)
-    is_usable = face.ndim == 2 and face.shape[1] == len(ARKIT_NAMES) and bool(np.isfinite(face).all())
-    return face if is_usable else None
-
-
-def _read(path: Path) -> Motion:
+def _read(path: Path) -> Take:
+    """The motion, with the ARKit curves that `animate` wrote beside it."""
     if path.suffix == ".bvh":
-        return read_bvh(path)
+        return Take(read_bvh(path))
     try:
-        return read_npz(path)
+        motion = read_npz(path)
     except MotionError:
-        clip = Clip.load(path)
-        return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+        return Take(Clip.load(path).motion())
+    with NpzArrays(path, MotionError) as stored:
+        if "face" not in stored:
+            return Take(motion)
+        face: Float[np.ndarray, "t 52"] = stored["face"].astype(np.float32)
+    is_usable = face.shape == (motion.frames, len(ARKIT_NAMES)) and bool(np.isfinite(face).all())
+    return Take(motion, face if is_usable else None)
 
 
 def _files(path: Path) -> list[Path]:

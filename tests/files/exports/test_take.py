@@ -82,6 +82,17 @@ def test_what_cannot_be_used_is_named(kind: str, short: Take, tmp_path: Path) ->
         read_take(path)
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".bvh"])
+def test_an_animation_is_refused_where_a_file_has_no_names(suffix: str, short: Take, tmp_path: Path) -> None:
+    path, motion = tmp_path / f"a{suffix}", short.motion
+    if suffix == ".npz":
+        write_npz(path, motion)
+    else:
+        write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps)
+    with pytest.raises(MotionError, match=rf"a\{suffix} holds one motion without a name: .* 'walk'"):
+        read_take(path, animation="walk")
+
+
 def test_a_map_is_refused_for_a_recording_and_does_not_hide_what_a_file_is(short: Take, tmp_path: Path) -> None:
     write_npz(tmp_path / "a.npz", short.motion)
     with pytest.raises(MotionError, match=r"a\.npz has known bones: a map is for a BVH"):

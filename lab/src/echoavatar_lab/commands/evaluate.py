@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from echoavatar.cli.options import RUNTIME_HELP
+from echoavatar.cli.options import RUNTIME_HELP, count
 
 EXAMPLES = """examples:
   echoavatar evaluate default                                        every score of a bundle, on clips made for it
@@ -152,7 +152,7 @@ def _shared(parser: argparse.ArgumentParser, *names: str, is_measure: bool = Fal
         "again": {"action": "store_true", "help": "hear test again with the same weights; the card says that, too"},
         "seconds": {"type": float, "default": 30.0, "help": "length to use of each recording (default: 30)"},
         "repeats": {
-            "type": _times,
+            "type": count,
             "metavar": "N",
             "help": "perform every clip or sound N times, with different seeds (default: 3 for held-out clips; 1 for"
             " `alive`, which with more also shows how far means scatter, and for `domains`)",
@@ -162,12 +162,6 @@ def _shared(parser: argparse.ArgumentParser, *names: str, is_measure: bool = Fal
     }
     for name in (*names, *(("split", "again") if "recordings" in names else ()), "seed", "runtime"):
         parser.add_argument(f"--{name}", **options[name] | ({"default": argparse.SUPPRESS} if is_measure else {}))
-
-
-def _times(text: str) -> int:
-    if (count := int(text)) < 1:
-        raise argparse.ArgumentTypeError(f"a clip is performed at least once, got {count}")
-    return count
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.cli.options import seed
+from echoavatar.cli.options import count, seed
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.progress import progress_bar
 
@@ -88,10 +88,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", help="bundle for latency (default: the default bundle)")
     parser.add_argument("--device", default="cpu", help="where to train and generate (default: %(default)s)")
-    parser.add_argument("--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: 1)")
+    parser.add_argument("--seeds", type=count, default=1, metavar="N", help="train and sample N times (default: 1)")
     parser.add_argument(
         "--processes",
-        type=_count,
+        type=count,
         default=1,
         metavar="N",
         help="parts made at a time; with --device cuda on all GPUs by turns (default: %(default)s)",
@@ -205,12 +205,6 @@ def _system(text: str) -> tuple[str, Path]:
     if not (name and sign and folder):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER, such as MECo=made/meco")
     return name, Path(folder)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
-    return int(text)
 
 
 def _command(args: argparse.Namespace, table: str) -> str:

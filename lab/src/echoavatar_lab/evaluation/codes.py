@@ -20,15 +20,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
+from echoavatar.engine.manner import TALKER
 from echoavatar.engine.pipeline import Bundle, Pipeline
+from echoavatar.engine.settling import Settling
 from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.motion_chunk import join_batches
-from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.post import Post
+from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
 from echoavatar_lab.kinematics import from_features
@@ -175,7 +177,7 @@ def true_codes(
         motions = {
             TRUTH: clip.motion(tokenizer.skeleton),
             DECODED: decoded,
-            SHOWN: replayed(post, decoded, chunk=bundle.chunk),
+            SHOWN: replayed(post, decoded, clip.audio if pipeline.has_manner else None, bundle.chunk),
         }
         if not others:
             [tokens] = token_clips(bundle, [clip])
@@ -208,17 +210,27 @@ def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
     return {name: weighted_mean(np.array([row[name] for row in rows])) for name in SHARING}
 
 
-def replayed(post: Post, motion: Motion, options: MotionOptions = FREE, chunk: ChunkSize = CHUNK) -> Motion:
-    """Run a finished motion through the stages, chunk by chunk, as a new session."""
+def replayed(
+    post: Post, motion: Motion, audio: Float[np.ndarray, " s"] | None = None, chunk: ChunkSize = CHUNK
+) -> Motion:
+    """Run a finished motion through the stages, chunk by chunk, as a new session.
+
+    With `audio` (24 kHz, as long as the motion) the body talks unless its legs dance, as in a session whose model has a
+    manner; without, it never talks.
+    """
     features = to_features(post.skeleton, motion.matrices(), motion.root)
-    state, everyone = post.init_state(1), np.ones(1, np.bool_)
-    state.modes.choose(everyone, options)
+    state, everyone, settling = post.init_state(1), np.ones(1, np.bool_), Settling(chunk)
     padded = np.pad(features, ((0, -len(features) % chunk.frames), (0, 0)), mode="edge")
-    pieces = np.split(padded[None], len(padded) // chunk.frames, 1)
-    shown = join_batches([post.step(piece, state, everyone) for piece in pieces])
-    rotations, root = shown.rotations[0], shown.root[0]
-    root[:, [0, 2]] += motion.root[0, [0, 2]]
-    return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
+    steps = list[MotionChunk]()
+    for number, piece in enumerate(np.split(padded[None], len(padded) // chunk.frames, 1)):
+        talks = audio is not None and not settling.is_dancing(number - 1)
+        steps += post.step(piece, state, everyone, hands=(TALKER if talks else WHOLE)[None]).split(None)
+        if audio is not None:
+            block = audio[number * chunk.samples : (number + 1) * chunk.samples]
+            settling.made(number, block, steps[-1], post.skeleton)
+    shown = join(steps).part(0, motion.frames)
+    place = motion.root[0] * np.array([1, 0, 1], np.float32)
+    return replace(motion, rotations=shown.rotations, root=shown.root + place)
 
 
 def dance_turn_deg(tracks: Sequence[Track]) -> float:

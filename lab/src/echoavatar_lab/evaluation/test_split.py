@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.stored import read_card
+from echoavatar.stored import WEIGHTS, read_card
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data.corpus import checksum
 
@@ -20,7 +20,7 @@ def claim_test(generator: Path, *, command: str, commit: str, is_again: bool = F
 
     Raises EchoAvatarError: these weights have heard them, and it is not said that they do so again.
     """
-    card, weights = read_card(generator), checksum(generator / "model.safetensors")
+    card, weights = read_card(generator), checksum(generator / WEIGHTS)
     listed = card.get(READINGS)
     told = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     before = [one for one in told if one.get("weights") == weights]

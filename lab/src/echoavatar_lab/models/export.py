@@ -20,7 +20,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.nn import StreamState
 from echoavatar.nn.exported import ExportedStep, graph_file
-from echoavatar.stored import read_config
+from echoavatar.stored import WEIGHTS, read_config
 from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.models.audio.codec import AudioCodec
@@ -138,7 +138,7 @@ def export_step(
     with tempfile.TemporaryDirectory() as scratch:
         program.save(Path(scratch) / "graph.onnx", external_data=False)
         graph = onnx.load(Path(scratch) / "graph.onnx")
-    _read_from_checkpoint(graph, folder / "model.safetensors")
+    _read_from_checkpoint(graph, folder / WEIGHTS)
     for old in folder.glob(f"{name}-*.onnx"):
         old.unlink()
     path = graph_file(folder, name)

@@ -51,17 +51,21 @@ def read_take(path: Path, given: "JointMap | None" = None, animation: str | None
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 
-    Raises MotionError: the file is missing, damaged, or of another kind. DependencyError: what unpacks it is missing.
+    Raises:
+        MotionError: the file is missing, damaged, or of another kind, or it has no such animation.
+        DependencyError: what unpacks it is missing.
     """
     kind = kind_of(path)
-    if kind == BVH:
-        return Take(read_bvh(path, given))
     if kind == GLTF:
         from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 
         return Take(read_gltf_clip(path, animation, given))
-    if kind != NPZ:
+    if kind not in {BVH, NPZ}:
         raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; convert it, for example to .glb in Blender")
+    if animation is not None:
+        raise MotionError(f"{path} holds one motion without a name: leave out the animation {animation!r}")
+    if kind == BVH:
+        return Take(read_bvh(path, given))
     if given is not None:
         raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
