@@ -59,7 +59,7 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.12, 1.4, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
-TRUNK_HZ = 2.0
+TRUNK_HZ = 1.4
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
 PARTED = 0.05  # radians by which each leg of a speaker is turned outwards
@@ -196,9 +196,9 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 
 @kernel()
-def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
-    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front."""
-    half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
+def withdraw(pose, place, joints, offsets, share):  # type: ignore[no-untyped-def]
+    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front on average."""
+    half = 0.5 * share * max(wrist(place, BONES, offsets)[2], 0.0)
     back, folds = normalized((1.0, half * DRAWN, 0.0, 0.0)), normalized((1.0, -half * FOLDED, 0.0, 0.0))
     upper, lower = read_quaternion(pose[joints[1]]), read_quaternion(pose[joints[2]])
     turned, aside = multiply(back, upper), half * (OPENED if offsets[0][0] > 0.0 else -OPENED)
@@ -277,7 +277,7 @@ def rest(  # type: ignore[no-untyped-def]
                     mean = between(read_quaternion(place[bone]), q, settling if has_shown[row] else 1.0)
                     write_quaternion(place[bone], mean)
                     write_quaternion(now[joint], q if size == 1.0 else between(mean, q, size))
-                withdraw(now, joints[side], offsets[side], free * hands[row, 2] / reach[side])
+                withdraw(now, place, joints[side], offsets[side], free * hands[row, 2] / reach[side])
                 raise_shoulder(now, joints[side], offsets[side], free * hands[row, 2])
             talks = free * hands[row, 2]
             if turns[row]:
