@@ -46,11 +46,12 @@ SHIFT_EVERY_S, SHIFT_S = 5.0, 1.6  # there is one shift of weight in each interv
 WAITING_M, TALKING_M = 0.03, 0.15  # the farthest shift to either side
 PAST_M, NARROW_M = 0.02, 0.06  # how far past a foot the hips may go; closer feet count as twice NARROW_M apart
 FOLLOWS_S = 0.3  # time constant of each of two low-pass filters on the farthest shift and on a talker's looks
+PAUSES_S = 2.0  # and of the first one, while looks become smaller: a talker's head stays where it is in short pauses
 LEAN_EVERY_S, LEAN_S, UPRIGHT = 5.0, 2.4, 0.2  # the trunk is upright in that share of the intervals
 LEAN = math.radians(3)  # the farthest, ahead, back and to either side
 SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # the small sway of a standing body
 LOOK_EVERY_S, LOOK_S, AHEAD = 4.0, 0.9, 0.4  # the head points ahead in that share of the intervals
-LOOKS = np.radians([[9, 3, 0], [15, 14, 11]])  # of one who waits and of one who talks: the farthest yaw, pitch, roll
+LOOKS = np.radians([[9, 3, 0], [18, 15, 12]])  # of one who waits and of one who talks: the farthest yaw, pitch, roll
 RISE_S, FALL_S = 1.6, 0.5  # until trunk and head move freely, and until they are still
 
 _WEIGHT, _YAW, _PITCH, _LEAN_AHEAD, _LEAN_ASIDE, _ROLL = range(1, 7)  # purposes of random numbers
@@ -153,18 +154,22 @@ def add_idle_motion(rotations, root, offsets, upper, legs, shares, sizes, first,
     `sizes` (3, 2) are the farthest shift, metres, and a talker's share of looks: low-passed twice, once, and as wanted;
     the first two are updated.
     """
-    follows = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ))
+    follows, pauses = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ)), 1 - math.exp(-1 / (PAUSES_S * FRAME_RATE_HZ))
     for t in range(rotations.shape[0]):
         frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ
         full = breath(second, seed)
-        for size in range(2):
-            sizes[1, size] += follows * (sizes[2, size] - sizes[1, size])
-            sizes[0, size] += follows * (sizes[1, size] - sizes[0, size])
+        sizes[1, 0] += follows * (sizes[2, 0] - sizes[1, 0])
+        sizes[1, 1] += (follows if sizes[2, 1] > sizes[1, 1] else pauses) * (sizes[2, 1] - sizes[1, 1])
+        sizes[0] += follows * (sizes[1] - sizes[0])
         shift, talks = sizes[0]
         yaw = (LOOKS[0, 0] * share + LOOKS[1, 0] * talks) * random_path(seed, _YAW, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
-        pitch = (LOOKS[0, 1] * share + LOOKS[1, 1] * talks) * random_path(seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
-        roll = (LOOKS[0, 2] * share + LOOKS[1, 2] * talks) * random_path(seed, _ROLL, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
+        pitch = (LOOKS[0, 1] * share + LOOKS[1, 1] * talks) * random_path(
+            seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD
+        )
+        roll = (LOOKS[0, 2] * share + LOOKS[1, 2] * talks) * random_path(
+            seed, _ROLL, frame, LOOK_EVERY_S, LOOK_S, AHEAD
+        )
         ahead = LEAN * share * random_path(seed, _LEAN_AHEAD, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
         aside = LEAN * share * random_path(seed, _LEAN_ASIDE, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
         for k in range(upper.shape[0]):

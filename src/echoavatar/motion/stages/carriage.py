@@ -33,7 +33,7 @@ from ..kinematics.quaternions import (
 HIPS, LEANS = 0.4, 0.2
 RISES, FORWARD = 0.45, 0.16
 HANGING = 0.93  # how far a hanging arm points down
-HEAD, HEAD_S = 1.6, 1.5
+HEAD, HEAD_S = 1.3, 1.5
 
 
 @kernel()

@@ -59,7 +59,7 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.12, 1.4, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
-TRUNK_HZ = 1.4
+TRUNK_HZ = 1.2
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
 PARTED = 0.05  # radians by which each leg of a speaker is turned outwards
