@@ -24,8 +24,8 @@ Where a hand should rest, or gestures should be smaller or larger, each arm move
 the mean within `PLACE_S`, and the trunk as the arm with the larger size; the timing of strokes stays. The generator
 also holds a speaker's hands too far from the body. So the elbow is drawn back, the forearm folds and the arm turns
 aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance of the hand's place: the hands come nearer at the height
-they had, and strokes keep their length. All this ends as the hips travel. Generated legs stand so close together that weight cannot shift between them: each is
-turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
+they had, and strokes keep their length. All this ends as the hips travel. Generated legs stand so close together that
+weight cannot shift between them: each is turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
 """
 
 import math
