@@ -138,6 +138,31 @@ def test_it_looks_about_by_some_degrees_and_ahead_in_between(two_minutes: Motion
     assert 5 < np.ptp(pitch) < 9
 
 
+def test_a_talkers_head_turns_nods_and_tilts_further_and_a_calm_ones_less(two_minutes: MotionChunk) -> None:
+    talks, calm = (degrees(live(120, is_idle=False, talks=share), "neck", "head") for share in (1.0, 0.4))
+    for axis, least, most in ((0, 10, 18), (1, 14, 19), (2, 9, 13)):
+        assert least < np.abs(talks[:, axis]).max() < most
+        assert 0.35 < np.ptp(calm[:, axis]) / np.ptp(talks[:, axis]) < 0.55
+    assert np.abs(degrees(two_minutes, "neck", "head")[:, 2]).max() < 2.5
+    assert np.abs(np.diff(talks, axis=0)).max() * 30 < 80
+
+
+def test_a_talkers_head_stays_in_a_short_pause_and_goes_back_in_a_long_one() -> None:
+    """After 20 s of talk, half a second and eight seconds of silence."""
+
+    def turned(until: int, chunk: int) -> np.ndarray:
+        """Degrees in this chunk of one who talks before chunk `until`."""
+        idle = IdleMotion(5)
+        made = [idle.apply(c, standing(), HUMANOID, is_idle=False, talks=float(c < until)) for c in range(chunk + 1)]
+        return degrees(made[-1], "neck", "head")
+
+    for chunk, least, most in ((76, 0.85, 1.0), (105, 0.0, 0.06)):
+        breathes, talks = turned(0, chunk), turned(chunk + 1, chunk)
+        assert np.linalg.norm(talks - breathes, axis=1).min() > 1
+        kept = np.linalg.norm(turned(75, chunk) - breathes) / np.linalg.norm(talks - breathes)
+        assert least < kept < most
+
+
 def test_it_leans_slowly_to_all_sides_and_is_seldom_upright(two_minutes: MotionChunk) -> None:
     aside = degrees(two_minutes, "spine", "chest", "upperChest")[:, 2]
     leans = moves(aside, 0.003)

@@ -43,8 +43,8 @@ LISTENS = 1.5  # factor of that share in silence and while the user speaks
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
 HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation to the viewer: head and neck; of theirs, the neck alone
 FARTHEST = math.radians(55)  # the largest rotation of head and neck together
-EYES_ALONE = math.radians(15)  # off the viewer up to which a speaker's head does not help
-HELPS = 0.7  # share of the angle beyond that the head takes over: its own movement stays visible
+EYES_ALONE = math.radians(20)  # off the viewer up to which a speaker's head does not help
+HELPS = 0.8  # share of the angle beyond that the head takes over: its own movement stays visible
 # Beyond the first angle the avatar looks at the viewer less; beyond the second, not at all.
 WELCOME, BEHIND = math.radians(80), math.radians(140)
 LOOK = math.radians(30)  # how far an eye of our character rotates at a look curve of 1; 34 degrees in Live Link Face

@@ -1,7 +1,8 @@
 """Idle motion, which no sound drives: breath, shifts of weight, leans of the trunk, looks. Not in the paper.
 
 In silence the model's codes come to rest, and the body would freeze; while it talks, its legs would stand stiff. Breath
-always goes on. Weight shifts while nothing else moves the body and, further, while it talks. Trunk and head move in
+always goes on. Weight shifts and the head looks about while nothing else moves the body and, further, while it talks:
+the generator's heads keep one direction, those of people who talk turn and tilt every few seconds. The trunk leans in
 silence only. Dances and requested actions end all three. The times of all movements are functions of the session's seed
 and the frame number, so a session that goes back breathes as it did the first time.
 
@@ -44,15 +45,16 @@ BREATH_S, INHALE = 4.2, 0.4  # length of a breath, and the share of it that goes
 SHIFT_EVERY_S, SHIFT_S = 5.0, 1.6  # there is one shift of weight in each interval, and it takes so long
 WAITING_M, TALKING_M = 0.03, 0.15  # the farthest shift to either side
 PAST_M, NARROW_M = 0.02, 0.06  # how far past a foot the hips may go; closer feet count as twice NARROW_M apart
-FOLLOWS_S = 0.3  # time constant of each of two low-pass filters on the farthest shift
+FOLLOWS_S = 0.3  # time constant of each of two low-pass filters on the farthest shift and on a talker's looks
+PAUSES_S = 2.0  # and of the first one, while looks become smaller: a talker's head stays where it is in short pauses
 LEAN_EVERY_S, LEAN_S, UPRIGHT = 5.0, 2.4, 0.2  # the trunk is upright in that share of the intervals
 LEAN = math.radians(3)  # the farthest, ahead, back and to either side
 SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # the small sway of a standing body
 LOOK_EVERY_S, LOOK_S, AHEAD = 4.0, 0.9, 0.4  # the head points ahead in that share of the intervals
-LOOK_YAW, LOOK_PITCH = math.radians(9), math.radians(3)
+LOOKS = np.radians([[9, 3, 0], [18, 15, 12]])  # of one who waits and of one who talks: the farthest yaw, pitch, roll
 RISE_S, FALL_S = 1.6, 0.5  # until trunk and head move freely, and until they are still
 
-_WEIGHT, _YAW, _PITCH, _LEAN_AHEAD, _LEAN_ASIDE = range(1, 6)  # purposes of random numbers
+_WEIGHT, _YAW, _PITCH, _LEAN_AHEAD, _LEAN_ASIDE, _ROLL = range(1, 7)  # purposes of random numbers
 _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 
@@ -146,33 +148,41 @@ def shift_weight(rotations, root, offsets, legs, metres, balance):  # type: igno
 
 
 @kernel()
-def add_idle_motion(rotations, root, offsets, upper, legs, shares, shift, first, seed):  # type: ignore[no-untyped-def]
+def add_idle_motion(rotations, root, offsets, upper, legs, shares, sizes, first, seed):  # type: ignore[no-untyped-def]
     """Add breath, looks and leans times each frame's share, and shifts of weight; `first` numbers the first frame.
 
-    `shift` (3) is the farthest shift, metres: low-passed twice, once, and as wanted; the first two are updated.
+    `sizes` (3, 2) are the farthest shift, metres, and a talker's share of looks: low-passed twice, once, and as wanted;
+    the first two are updated.
     """
-    follows = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ))
+    follows, pauses = 1 - math.exp(-1 / (FOLLOWS_S * FRAME_RATE_HZ)), 1 - math.exp(-1 / (PAUSES_S * FRAME_RATE_HZ))
     for t in range(rotations.shape[0]):
         frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ
         full = breath(second, seed)
-        yaw = LOOK_YAW * share * random_path(seed, _YAW, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
-        pitch = LOOK_PITCH * share * random_path(seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
+        sizes[1, 0] += follows * (sizes[2, 0] - sizes[1, 0])
+        sizes[1, 1] += (follows if sizes[2, 1] > sizes[1, 1] else pauses) * (sizes[2, 1] - sizes[1, 1])
+        sizes[0] += follows * (sizes[1] - sizes[0])
+        shift, talks = sizes[0]
+        yaw = (LOOKS[0, 0] * share + LOOKS[1, 0] * talks) * random_path(seed, _YAW, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
+        pitch = (LOOKS[0, 1] * share + LOOKS[1, 1] * talks) * random_path(
+            seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD
+        )
+        roll = (LOOKS[0, 2] * share + LOOKS[1, 2] * talks) * random_path(
+            seed, _ROLL, frame, LOOK_EVERY_S, LOOK_S, AHEAD
+        )
         ahead = LEAN * share * random_path(seed, _LEAN_AHEAD, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
         aside = LEAN * share * random_path(seed, _LEAN_ASIDE, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
         for k in range(upper.shape[0]):
             if upper[k] >= 0:
                 x = BREATH[k, 0] * full + HEAD_SHARES[k] * pitch + LEAN_SHARES[k] * ahead
-                z = BREATH[k, 1] * full + LEAN_SHARES[k] * aside
+                z = BREATH[k, 1] * full + LEAN_SHARES[k] * aside + HEAD_SHARES[k] * roll
                 added, own = from_rotation_vector((x, HEAD_SHARES[k] * yaw, z)), rotations[t, upper[k]]
                 write_quaternion(own, normalized(multiply(read_quaternion(own), added)))
-        shift[1] += follows * (shift[2] - shift[1])
-        shift[0] += follows * (shift[1] - shift[0])
-        if shift[0] > 1e-5:
+        if shift > 1e-5:
             sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
             sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
             weight = random_path(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
-            metres, balance = shift[0] * weight + share * sway / 2 * SWAY_M, min(shift[0] / WAITING_M, 1.0)
+            metres, balance = shift * weight + share * sway / 2 * SWAY_M, min(shift / WAITING_M, 1.0)
             shift_weight(rotations[t], root[t], offsets, legs, metres, balance)
 
 
@@ -183,7 +193,7 @@ class IdleMotion:
         self._frames = chunk.frames
         self._seed = np.uint64(seed % 2**64)
         self._may_shift = not (options.in_place or options.upper_body)
-        self._shifts: dict[int, Float[np.ndarray, " 2"]] = {}  # by chunk: `shift` of its last frame
+        self._sizes: dict[int, Float[np.ndarray, "2 2"]] = {}  # by chunk: `sizes` of its last frame
         self._fade = ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)
 
     def apply(
@@ -195,10 +205,11 @@ class IdleMotion:
         legs = np.array([_joint(skeleton, name) for name in ("hips", *LEGS)])
         shares, first = self._fade.shares(chunk, is_wanted=is_idle), chunk * self._frames
         farthest = (WAITING_M if is_idle else TALKING_M * talks) * (self._may_shift and legs.min() >= 0)
-        shift = np.array([*self._shifts.get(chunk - 1, (farthest, farthest)), farthest])
-        add_idle_motion(rotations, root, skeleton.offsets, upper, legs, shares, shift, first, self._seed)
-        self._shifts[chunk] = shift[:2]
-        self._shifts.pop(chunk - KEPT, None)
+        wanted = farthest, talks
+        sizes = np.array([*self._sizes.get(chunk - 1, (wanted, wanted)), wanted])
+        add_idle_motion(rotations, root, skeleton.offsets, upper, legs, shares, sizes, first, self._seed)
+        self._sizes[chunk] = sizes[:2]
+        self._sizes.pop(chunk - KEPT, None)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
 
 

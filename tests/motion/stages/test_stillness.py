@@ -214,6 +214,22 @@ def test_a_talkers_hand_that_is_held_out_before_the_body_is_lowered_and_a_dancer
     assert now[0] >= was[0] - 1e-4, "aside"
 
 
+def test_a_talkers_strokes_to_the_front_keep_their_length():
+    """The hand as a whole comes nearer, by its mean place."""
+    turns, arm = np.zeros((1, len(TIME), 3), np.float32), HUMANOID.index("leftUpperArm")
+    turns[0, :, 1] = -0.9 + 0.3 * np.sin(6 * TIME)
+    moves = forearms(0 * TIME, 0 * TIME)
+    moves[:, :, arm] = quaternion_from_axis_angle(turns)
+
+    def ahead(body: np.ndarray) -> np.ndarray:
+        place = forward_kinematics(HUMANOID, matrix_from_quaternion(body[0]), np.zeros(3)).positions
+        return np.asarray((place[:, HUMANOID.index("leftHand")] - place[:, arm])[120:, 2])
+
+    before, after = (ahead(shown(moves, talks=talks)) for talks in (0.0, 1.0))
+    assert after.mean() < 0.92 * before.mean()
+    assert 1 < np.ptp(after) / np.ptp(before) < 1.3
+
+
 @pytest.mark.parametrize(("talks", "wider"), [(0, 0.0), (1, 0.08)])
 def test_a_talkers_feet_stand_further_apart_and_flat_and_a_dancers_as_they_are(talks: float, wider: float) -> None:
     turns, thigh, knee = (

@@ -1,15 +1,14 @@
-"""A talker's whole body takes part: hips turn with the trunk, shoulders rise with arms, the head moves freely.
+"""A talker's whole body takes part: hips turn with the trunk, shoulders rise with arms.
 
-Captured talkers turn hips and trunk together, raise a shoulder with its arm, and move the head. The generator turns the
-trunk over hips that stand, keeps both shoulders down, and holds the head still. So hips take `HIPS` of the spine's
-turn about the vertical and `LEANS` of its lean; thighs and chest keep their directions. A shoulder rises and comes
-forward with its arm, which keeps its direction (scapulohumeral rhythm). With u and f, how far the arm points up and to
+Captured talkers turn hips and trunk together and raise a shoulder with its arm. The generator turns the trunk over hips
+that stand, and keeps both shoulders down. So hips take `HIPS` of the spine's turn about the vertical and `LEANS` of its
+lean; thighs and chest keep their directions. A shoulder rises and comes forward with its arm, which keeps its direction
+(scapulohumeral rhythm). With u and f, how far the arm points up and to
 the front (-1 to 1):
 
     rises by RISES tanh(u + HANGING), comes forward by FORWARD f    (radians)
 
-`RISES` and `FORWARD` are slopes of captured talkers and dancers. Neck and head turn `HEAD` times as far from where they
-were on average within `HEAD_S`; less for one who gestures less.
+`RISES` and `FORWARD` are slopes of captured talkers and dancers.
 
 `stillness` calls this for each frame, as far as one talks and does not travel. Not in the paper.
 """
@@ -33,7 +32,6 @@ from ..kinematics.quaternions import (
 HIPS, LEANS = 0.4, 0.2
 RISES, FORWARD = 0.45, 0.16
 HANGING = 0.93  # how far a hanging arm points down
-HEAD, HEAD_S = 1.6, 1.5
 
 
 @kernel()
@@ -64,14 +62,3 @@ def raise_shoulder(pose, joints, offsets, share):  # type: ignore[no-untyped-def
     turn = multiply(normalized((1.0, 0.0, forward, rises)), shoulder)
     write_quaternion(pose[joints[1]], multiply(conjugate(turn), multiply(shoulder, arm)))
     write_quaternion(pose[joints[0]], turn)
-
-
-@kernel()
-def free_head(pose, joints, means, share, fps, has_shown):  # type: ignore[no-untyped-def]
-    """Turn neck and head further from their `means`, which follow."""
-    follows = 1.0 - math.exp(-1.0 / (fps * HEAD_S)) if has_shown else 1.0
-    for bone in range(len(joints)):
-        now = read_quaternion(pose[joints[bone]])
-        mean = between(read_quaternion(means[bone]), now, follows)
-        write_quaternion(means[bone], mean)
-        write_quaternion(pose[joints[bone]], between(mean, now, 1.0 + share * (HEAD - 1.0)))

@@ -23,9 +23,9 @@ travel, the trunk passes as decoded.
 Where a hand should rest, or gestures should be smaller or larger, each arm moves `size` times as far from its place,
 the mean within `PLACE_S`, and the trunk as the arm with the larger size; the timing of strokes stays. The generator
 also holds a speaker's hands too far from the body. So the elbow is drawn back, the forearm folds and the arm turns
-aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance: the hands come nearer at the height they had. All this
-ends as the hips travel. Generated legs stand so close together that weight cannot shift between them: each is
-turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
+aside, by `DRAWN`, `FOLDED` and `OPENED` times the distance of the hand's place: the hands come nearer at the height
+they had, and strokes keep their length. All this ends as the hips travel. Generated legs stand so close together that
+weight cannot shift between them: each is turned outwards by `PARTED`. None of this applies to dances. Not in the paper.
 """
 
 import math
@@ -53,13 +53,13 @@ from ..kinematics.quaternions import (
     write_quaternion,
     write_vector,
 )
-from .carriage import free_head, raise_shoulder, turn_hips
+from .carriage import raise_shoulder, turn_hips
 from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.8
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.12, 1.4, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 2.45, 0.5, 1.0
-TRUNK_HZ = 2.0
+TRUNK_HZ = 1.2
 PLACE_S, SIZE_S = 2.0, 0.15  # within which a hand's place is a mean, and a new size is reached
 DRAWN, FOLDED, OPENED = 0.5, 0.2, 0.25  # radians an arm length
 PARTED = 0.05  # radians by which each leg of a speaker is turned outwards
@@ -69,17 +69,15 @@ WHOLE = np.array([1, 1, 0], np.float32)
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 BONES = (0, 1, 2, 3)  # of an arm by itself
 SPINE = ("spine", "chest", "upperChest")
-HEAD = ("neck", "head")
 LEG = ("UpperLeg", "LowerLeg", "Foot")
 
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown, head on average."""
+    """The last frame, if any: arms at size 1 and on average, spine as it came and as shown."""
 
     arms: Float[Array, "b 2 2 4 4"]
     spine: Float[Array, "b 2 s 4"]
-    head: Float[Array, "b 2 4"]
     wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
     speeds: Float[Array, "b 3"]  # of the wrists, arm lengths per second, and of the hips, metres per second
     hands: Float[Array, "b 3"]  # as `WHOLE`
@@ -100,17 +98,16 @@ class Stillness:
             self._spine = np.array(skeleton.indices([bone for bone in SPINE if bone in skeleton.names]), np.int64)
             above = {skeleton.parents[joint] for joint in (*self._spine[:1], *self._legs[:, 0])}
             self._hips = above.pop() if len(above) == 1 and len(self._spine) and len(self._legs) else -1
-            self._head = np.array(skeleton.indices([bone for bone in HEAD if bone in skeleton.names]), np.int64)
             self._offsets = np.asarray(skeleton.offsets, np.float64)[self._joints[:, 1:]]
             self._reach = np.linalg.norm(self._offsets[:, 1:], axis=-1).sum(1)
 
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
-        arms, spine, head, wrists, speeds = (
+        arms, spine, wrists, speeds, hands = (
             np.zeros((rows, *shape), np.float32)
-            for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (len(HEAD), 4), (2, 3), (3,))
+            for shape in ((2, 2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,), (3,))
         )
-        return StillnessState(arms, spine, head, wrists, speeds, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
+        return StillnessState(arms, spine, wrists, speeds, hands, np.zeros(rows, bool))
 
     def step(
         self,
@@ -122,11 +119,11 @@ class Stillness:
     ) -> None:
         """Filter arms, spine and legs of active rows, in place; `hands` as `WHOLE`; hips rest in rows of `stands`."""
         if self._has_arms:
-            last = (state.arms, state.spine, state.head, state.wrists, state.speeds, state.hands, state.has_shown)
+            last = (state.arms, state.spine, state.wrists, state.speeds, state.hands, state.has_shown)
             arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
             hands = np.tile(WHOLE, (len(active), 1)) if hands is None else hands
             turns = np.full(len(active), self._hips >= 0) if stands is None or self._hips < 0 else ~stands
-            body = (self._hips, self._spine, self._head, self._legs)
+            body = (self._hips, self._spine, self._legs)
             rest(pose.rotations, pose.root, *last, hands, active, turns, *body, *arms, fps)
 
 
@@ -196,9 +193,9 @@ def take_part(pose, came, shown, spine, speeds, size, has_shown, fps):  # type: 
 
 
 @kernel()
-def withdraw(pose, joints, offsets, share):  # type: ignore[no-untyped-def]
-    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front."""
-    half = 0.5 * share * max(wrist(pose, joints, offsets)[2], 0.0)
+def withdraw(pose, place, joints, offsets, share):  # type: ignore[no-untyped-def]
+    """Draw the elbow of a frame back and turn the arm aside, the more, the farther the wrist is in front on average."""
+    half = 0.5 * share * max(wrist(place, BONES, offsets)[2], 0.0)
     back, folds = normalized((1.0, half * DRAWN, 0.0, 0.0)), normalized((1.0, -half * FOLDED, 0.0, 0.0))
     upper, lower = read_quaternion(pose[joints[1]]), read_quaternion(pose[joints[2]])
     turned, aside = multiply(back, upper), half * (OPENED if offsets[0][0] > 0.0 else -OPENED)
@@ -225,7 +222,6 @@ def rest(  # type: ignore[no-untyped-def]
     root,
     arms,
     trunk,
-    means,
     wrists,
     last,
     hands,
@@ -235,7 +231,6 @@ def rest(  # type: ignore[no-untyped-def]
     turns,
     hips,
     spine,
-    head,
     legs,
     joints,
     offsets,
@@ -256,7 +251,7 @@ def rest(  # type: ignore[no-untyped-def]
                 hands[row, part] += (growing if has_shown[row] else 1.0) * (asked[row, part] - hands[row, part])
             spread(now, legs, hands[row, 2])
             free = max(1.0 - TRAVEL * speeds[frame, 2], 0.0)
-            larger = max(hands[row, 0], hands[row, 1])
+            larger, talks = max(hands[row, 0], hands[row, 1]), free * hands[row, 2]
             take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], larger, has_shown[row], fps)
             for side in range(len(joints)):
                 shown, place = arms[row, 0, side], arms[row, 1, side]
@@ -277,10 +272,8 @@ def rest(  # type: ignore[no-untyped-def]
                     mean = between(read_quaternion(place[bone]), q, settling if has_shown[row] else 1.0)
                     write_quaternion(place[bone], mean)
                     write_quaternion(now[joint], q if size == 1.0 else between(mean, q, size))
-                withdraw(now, joints[side], offsets[side], free * hands[row, 2] / reach[side])
-                raise_shoulder(now, joints[side], offsets[side], free * hands[row, 2])
-            talks = free * hands[row, 2]
+                withdraw(now, place, joints[side], offsets[side], talks / reach[side])
+                raise_shoulder(now, joints[side], offsets[side], talks)
             if turns[row]:
                 turn_hips(now, hips, spine, legs, talks)
-            free_head(now, head, means[row], talks * min(larger, 1.0), fps, has_shown[row])
             has_shown[row] = True
