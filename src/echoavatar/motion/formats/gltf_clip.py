@@ -1,7 +1,8 @@
 """Read an animation of a character in a GLB, VRM or VRMA file as motion.
 
-Keys are sampled at the rate at which they lie closest, or at 30 frames per second where they are sparse. A bone's rotation is that of its node against the rest pose of
-the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
+Keys are sampled at the rate at which they lie closest, or at 30 frames per second where they are sparse. A bone's
+rotation is that of its node against the rest pose of the rig (`gltf_rig`), so animated nodes above the hips count, and
+so do scales.
 """
 
 from dataclasses import replace
