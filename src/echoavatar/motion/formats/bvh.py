@@ -226,7 +226,7 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
     if not is_number.all():
         line = int(np.searchsorted(ends, bad := int(np.argmin(is_number)), "right")) - 1
         word = lines[line].split()[bad - ends[line]]
-        raise _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at, line)
+        raise _TextError(f"{word[:40]!r} is not a finite number below {_MOST:g}; repair the file", at, line)
     is_line = np.diff(ends) > 0
     starts, ends = ends[:-1][is_line], ends[1:][is_line]
     # a line that begins within a frame and ends in another
