@@ -312,6 +312,19 @@ def test_a_gap_in_the_times_of_a_track_is_silence(
     assert "breaks off" not in caplog.text
 
 
+@pytest.mark.parametrize(("spoilt", "told"), [(slice(20_000, 20_001), "silence"), (slice(200, -300, 500), "breaks off")])
+def test_pages_of_an_ogg_that_are_lost_are_told(
+    tmp_path: Path, spoilt: slice, told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = encode(tmp_path / "a.ogg", "libopus", np.tile(talk(48_000), 2), 48_000)
+    whole = np.frombuffer(path.read_bytes(), np.uint8).copy()
+    whole[spoilt] ^= 0xFF
+    path.write_bytes(whole.tobytes())
+    seconds = len(read_audio(path)) / 24_000
+    assert told in caplog.text
+    assert seconds == pytest.approx(4, abs=0.1) or told == "breaks off"
+
+
 def test_a_pasted_part_that_cannot_be_read_is_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     soundfile.write(tmp_path / "a.wav", TWO, 24_000)
     stub = tmp_path / "stub"
