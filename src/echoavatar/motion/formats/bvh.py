@@ -10,8 +10,8 @@ mean length is used.
 
 import re
 from array import array
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from itertools import pairwise
@@ -92,12 +92,9 @@ def read_standing(
     """As `read_bvh`, and the unit and axes that the figure has in the file."""
     with reading(path) as notes:
         text = _text(path, notes)
-        try:
+        with _naming_lines(path, text):
             joints, at = _joints(text)
             frames, fps = _frames(text, at, sum(len(joint.channels) for joint in joints), notes)
-        except _TextError as error:
-            place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
-            raise MotionError(f"{path}{place}: {error}") from None
         most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
         if len(frames) * len(joints) > most:
             raise MotionError(
@@ -115,12 +112,31 @@ def read_standing(
     return motion, stand
 
 
+def stated_length(path: Path) -> tuple[int, float]:
+    """How many frames a BVH says that it has, and its frame rate. Raises MotionError as `read_bvh`, but for frames."""
+    with reading(path) as notes:
+        text = _text(path, notes)
+        with _naming_lines(path, text):
+            stated, fps, at = _head(text, _joints(text)[1], notes)
+    return round(stated) if stated > 0 else text[at:].strip().count("\n") + 1, fps
+
+
 class _TextError(Exception):
     """A fault in a text, `below` lines below the character at index `at`."""
 
     def __init__(self, complaint: str, at: int | None = None, below: int = 0) -> None:
         super().__init__(complaint)
         self.at, self.below = at, below
+
+
+@contextmanager
+def _naming_lines(path: Path, text: str) -> Iterator[None]:
+    """A context in which a `_TextError` becomes a MotionError that names the file and the line."""
+    try:
+        yield
+    except _TextError as error:
+        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
+        raise MotionError(f"{path}{place}: {error}") from None
 
 
 def _text(path: Path, notes: list[str]) -> str:
@@ -196,8 +212,8 @@ def _number(word: str) -> float:
     return number
 
 
-def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, float]:
-    """The table of channel values, one row per frame, and the frame rate."""
+def _head(text: str, at: int, notes: list[str]) -> tuple[float, float, int]:
+    """The stated count of frames, 0 for none, the frame rate, and where the table begins."""
     head = {"Frames:": "0", "Frame Time:": "0"}
     while found := _HEAD.match(text, at):
         label, at = "Frame Time:" if found[1] else "Frames:", found.end()
@@ -208,7 +224,12 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
             raise _TextError(
                 f"expected {label!r} and a number, not {found[2][:40]!r}; repair the file", found.start(2)
             ) from None
-    stated, fps = _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes)
+    return _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes), at
+
+
+def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, float]:
+    """The table of channel values, one row per frame, and the frame rate."""
+    stated, fps, at = _head(text, at, notes)
     if not width or not (stated or text[at:].strip()):
         notes.append(f"it has no {'frames' if width else 'channels'}, and its rest pose is read")
         return np.zeros((1, width)), fps
