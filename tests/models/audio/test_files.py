@@ -312,7 +312,9 @@ def test_a_gap_in_the_times_of_a_track_is_silence(
     assert "breaks off" not in caplog.text
 
 
-@pytest.mark.parametrize(("spoilt", "told"), [(slice(30_000, 30_001), "silence"), (slice(30_000, -1_000, 500), "breaks off")])
+@pytest.mark.parametrize(
+    ("spoilt", "told"), [(slice(30_000, 30_001), "silence"), (slice(30_000, -1_000, 500), "breaks off")]
+)
 def test_pages_of_an_ogg_that_are_lost_are_told(
     tmp_path: Path, spoilt: slice, told: str, caplog: pytest.LogCaptureFixture
 ) -> None:
