@@ -83,13 +83,17 @@ def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit
         MotionError: the file is missing, too large, inconsistent, or contains numbers that are not finite. The message
             names the line and the remedy.
     """
-    return read_standing(Path(path), given, metres_per_unit)[0]
+    return _read(Path(path), given, metres_per_unit, is_placed=metres_per_unit is None)[0]
 
 
-def read_standing(
-    path: Path, given: JointMap | None = None, metres_per_unit: float | None = None
+def read_standing(path: Path, given: JointMap | None = None) -> tuple[Motion, Stand]:
+    """As `read_bvh`, but where the file has it, and the unit and axes that the figure has there."""
+    return _read(path, given)
+
+
+def _read(
+    path: Path, given: JointMap | None, metres_per_unit: float | None = None, *, is_placed: bool = False
 ) -> tuple[Motion, Stand]:
-    """As `read_bvh`, and the unit and axes that the figure has in the file."""
     with reading(path) as notes:
         text = _text(path, notes)
         with _naming_lines(path, text):
@@ -108,7 +112,7 @@ def read_standing(
         stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, bones)
         notes += [] if metres_per_unit else stand.notes()
         motion = righted(motion, stand)
-        motion = motion if metres_per_unit else placed(motion, bones, notes)
+        motion = placed(motion, bones, notes) if is_placed else motion
     return motion, stand
 
 
