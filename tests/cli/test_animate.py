@@ -266,7 +266,7 @@ def test_empty_standard_input_is_named(
 def test_endless_standard_input_is_refused(
     tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("echoavatar.cli.animate.STDIN_BYTES", 1 << 21)
+    monkeypatch.setattr("echoavatar.cli.batch.STDIN_BYTES", 1 << 21)
     with open("/dev/zero", "rb") as endless:
         monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=endless))
         assert run(Path("-"), tmp_path / "a.bvh", tiny_bundle) == 1

@@ -1,14 +1,17 @@
 """Several files of one command: one that fails does not stop the others."""
 
+import errno
+import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import soundfile
 
 from echoavatar.cli import main
-from echoavatar.cli.batch import STDIN, Batch, outputs
+from echoavatar.cli.batch import STDIN, Batch, outputs, readable_sound
 from echoavatar.errors import EchoAvatarError
 
 
@@ -140,3 +143,18 @@ def test_the_error_of_a_single_file_passes_as_it_is(capsys: pytest.CaptureFixtur
     with pytest.raises(EchoAvatarError), batch.each("a"):
         raise EchoAvatarError("broken; mend it")
     assert capsys.readouterr() == ("", "")
+
+
+def test_files_do_not_go_to_standard_output(tmp_path: Path) -> None:
+    with pytest.raises(EchoAvatarError, match="-o -: files do not go to standard output; name a file"):
+        outputs([tmp_path / "a.wav"], STDIN, ".glb", known=(".glb",), kind="sound")
+
+
+def test_a_full_disk_is_not_taken_for_the_output_while_standard_input_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=SimpleNamespace(read=_full)))
+    with pytest.raises(EchoAvatarError, match=r"cannot write .*stdin \(No space left on device"), readable_sound(STDIN):
+        pass
+
+
+def _full(count: int) -> bytes:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -54,6 +55,35 @@ def test_it_needs_no_torch(talk: Path) -> None:
         done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["motion_bytes"] > 0
+
+
+def test_standard_input_is_spoken(
+    talk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving() as place, talk.open("rb") as sound:
+        monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=sound))
+        assert main(["say", "-", "--server", place.address]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["seconds"] == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("name", ["a.bvh", "a.GLB", "a.mp4"])
+def test_a_recording_is_not_named_like_another_format(
+    name: str, talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["say", str(talk), "-o", str(tmp_path / name)]) == 1
+    assert "`say` writes .npz; `export` turns that into" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["talk.wav"]
+
+
+def test_bad_sound_is_one_line_to_the_end_of_the_process(tmp_path: Path) -> None:
+    """The resampler's library complains at the end of Python about samplers that an error keeps."""
+    soundfile.write(tmp_path / "a.wav", np.full(48_000, np.nan), 48_000, subtype="FLOAT")
+    code = "import sys; from echoavatar.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "say", str(tmp_path / "a.wav")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "audio sample 0 (0.000 s) is nan" in line
 
 
 def test_errors_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

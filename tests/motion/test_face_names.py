@@ -76,6 +76,16 @@ SIDES = {"eyeBlinkLeft": 0.4, "eyeBlinkRight": 0.4}
         ("mb_lab", {"eyeBlinkLeft": 0.4}, {"Expressions_eyeClosedL_max": 0.4}),
         ("sranipal", {"eyeSquintLeft": 0.5}, {"Eye_Left_Squeeze": 0.5}),
         ("unified", {"mouthShrugLower": 0.5}, {"MouthRaiserLower": 0.5}),
+        ("faceshift", {"browInnerUp": 0.5, "browOuterUpLeft": 0.25}, {"BrowsU_C": 0.5, "BrowsU_L": 0.25}),
+        ("faceshift", {"eyeLookInLeft": 0.5, "eyeWideLeft": 0.25}, {"EyeIn_L": 0.5, "EyeOpen_L": 0.25}),
+        ("faceshift", {"mouthShrugUpper": 0.5, "cheekPuff": 0.25}, {"ChinUpperRaise": 0.5, "Puff": 0.25}),
+        ("fuse", {"mouthPucker": 0.5}, {"MouthNarrow_Left": 0.5, "MouthNarrow_Right": 0.5}),
+        ("fuse", {"mouthRollLower": 0.5, "jawForward": 0.25}, {"LowerLipIn": 0.5, "JawForeward": 0.25}),
+        ("make_human", {"eyeBlinkLeft": 0.5, "mouthLeft": 0.25}, {"LeftUpperLidClosed": 0.5, "MouthMoveLeft": 0.25}),
+        ("make_human", {"mouthSmileRight": 0.5}, {"MouthRightPullUp": 0.5}),
+        ("sides_of_maya", {"eyeBlinkLeft": 0.5, "eyeBlinkRight": 0.25}, {"lf_eyeBlink": 0.5, "rt_eyeBlink": 0.25}),
+        ("sides_of_maya", {"mouthSmileLeft": 0.5}, {"smile_lf": 0.5}),
+        ("vowels_of_lips", {"jawOpen": 0.5}, {"mouth_AA": 0.8}),
     ],
 )
 def test_a_face_of_another_program_does_what_ours_does(

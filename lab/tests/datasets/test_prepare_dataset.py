@@ -8,8 +8,10 @@ import time
 import numpy as np
 import pytest
 from lab.tests.datasets.samples import gesture, write_beat2, write_motion, write_pair
+from tests.models.audio.sounds import encode, talk
 
 from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.audio.files import open_sound
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.datasets import prepare_dataset as dataset_module
 from echoavatar_lab.datasets import prepare_recording as recording_module
@@ -192,9 +194,30 @@ def test_a_forecast_names_what_will_fail_and_writes_nothing(tmp_path):
     assert found.seconds["train"] == pytest.approx(2.0, abs=0.01)
     why = dict(found.failures)
     assert "mute.wav is missing" in why["mute"]
-    assert "is incomplete" in why["torn"]
+    assert "it was cut short" in why["torn"]
     assert "lasts 4.0 s at 30" in why["slow"]
     assert found.bytes == pytest.approx(60 * (52 * 16 + 13 + 1600), rel=0.02)
+
+
+def test_a_forecast_reads_what_the_run_reads(tmp_path):
+    """Motion without a frame time or a count, in another encoding; sound that was recorded live."""
+    for name in ("timeless", "countless", "shift_jis", "live"):
+        write_pair(tmp_path / f"{name}.bvh", 2.0, fps=30)
+    for name, old, new in (
+        ("timeless", "Frame Time: 0.033333333", "Frame Time: 0"),
+        ("countless", "Frames: 60", "Frames: 0"),
+        ("shift_jis", "ROOT hips", "ROOT 腰"),
+    ):
+        text = (tmp_path / f"{name}.bvh").read_text()
+        assert old in text
+        (tmp_path / f"{name}.bvh").write_text(text.replace(old, new), encoding="shift_jis")
+    live = {"container": "webm", "options": {"live": "1"}}
+    sound = encode(tmp_path / "live.weba", "libopus", talk(48_000), 48_000, **live)
+    assert open_sound(sound).duration is None
+    (tmp_path / "live.wav").unlink()
+    found = forecast(survey_of("bvh", tmp_path).recordings, SetOptions(test_every=0))
+    assert found.failures == ()
+    assert found.seconds["train"] == pytest.approx(8.0, abs=0.1)
 
 
 def test_a_forecast_of_motion_alone_counts_no_sound(tmp_path):

@@ -14,9 +14,9 @@ Pcm = Int16[np.ndarray, " _s"]  # mono; lengths of several blocks may differ
 Format = tuple[str, int]  # encoding and rate; an encoding that is none of `READABLE` keeps its own name
 READABLE = ("pcm", "ulaw", "alaw")
 _NAMES = {  # parts of the names that vendors use
-    "ulaw": ("ulaw", "mulaw", "mu-law", "pcmu"),
-    "alaw": ("alaw", "a-law", "pcma"),
-    "": ("f32", "float", "s24", "s32"),
+    "ulaw": ("ulaw", "mu-law", "mu_law", "\u03bc-law", "pcmu"),
+    "alaw": ("alaw", "a-law", "a_law", "pcma"),
+    "": ("f32", "float", "s24", "s32", "16be"),
     "pcm": ("pcm", "l16", "linear16", "s16", "raw"),
 }
 _FILES = (b"RIFF", b"OggS", b"ID3", b"fLaC", b"\x1aE\xdf\xa3")  # first bytes of sound files
@@ -28,7 +28,7 @@ def named_format(name: str, rate: object = None) -> Format:
     `rate` wins over one in the name. Without any, telephone codes have 8,000 Hz and PCM has 24,000 Hz. Names with
     several channels are not readable.
     """
-    low = name.lower()
+    low = name.casefold()
     kind = next((kind for kind, parts in _NAMES.items() if any(part in low for part in parts)), "") or low
     in_name = re.search(r"(?<![\d.])(\d{4,6})(?!\d)|(?<![\d.])(\d{1,3}(?:\.\d+)?) ?k(?!b)", low)
     usual = SAMPLE_RATE_HZ if kind == "pcm" else 8_000

@@ -133,6 +133,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         code = int(getattr(stop, "code", 130))
     if code and argv is None:
+        gc.collect()  # an error may keep half-read sound, and the resampler's library would complain of it at the end
         _end_output()
     return code
 

@@ -1,16 +1,12 @@
 """`echoavatar animate`: turn an audio file into full-body motion, through the streaming engine."""
 
 import argparse
-import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.errors import AudioError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
-from .batch import STDIN, Batch, add_outputs, outputs
+from .batch import STDIN, Batch, add_outputs, outputs, readable_sound
 from .options import (
     MAP_HELP,
     RIG_HELP,
@@ -29,7 +25,6 @@ if TYPE_CHECKING:
     from echoavatar.files.avatar import Character
     from echoavatar.files.exports import Rig
 
-STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 WORDS_HELP = (
     "words of the sound, some of which get a gesture: JSON of a recogniser such as Whisper, or a list of {text, start,"
     " end} in seconds; .vtt; .srt"
@@ -128,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     for sound, output in zip(args.audio, places, strict=True):
         with batch.each(sound, output):
             bar = progress(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]")
-            with bar as show, _readable(sound) as path:
+            with bar as show, readable_sound(sound) as path:
                 blocks = stream_audio(path)
                 done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, words=words, progress=show)
             with progress(is_hidden=output.suffix.lower() not in FILMS, unit="frame", desc="filming") as show:
@@ -169,24 +164,3 @@ def _character(args: argparse.Namespace, places: list[Path], rig: "Rig | None") 
             raise EchoAvatarError("a film shows --rig or --character; leave one of the two out")
     RENDERERS[args.renderer](8, 8, background=args.background)
     return character
-
-
-@contextmanager
-def _readable(sound: Path) -> Iterator[Path]:
-    """The file itself. Standard input is copied to a file, because readers of most formats seek."""
-    if sound != STDIN:
-        yield sound
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        kept = Path(folder) / "stdin"
-        with kept.open("wb") as file:
-            while block := sys.stdin.buffer.read(1 << 20):
-                file.write(block)
-                if file.tell() > STDIN_BYTES:
-                    raise EchoAvatarError(
-                        f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
-                    )
-        try:
-            yield kept
-        except AudioError as error:
-            raise AudioError(str(error).replace(str(kept), "standard input")) from error

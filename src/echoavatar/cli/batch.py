@@ -6,17 +6,19 @@ A bad file does not stop the others. Its error is printed at once and in a table
 import argparse
 import os
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from echoavatar.errors import EchoAvatarError, one_line
-from echoavatar.whole_file import make_output_folder
+from echoavatar.errors import AudioError, EchoAvatarError, one_line
+from echoavatar.whole_file import disk_errors, make_output_folder
 
 from .options import FORMATS
 
 STDIN = Path("-")
+STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 
 
 def add_outputs(parser: argparse.ArgumentParser, several: str) -> None:
@@ -49,10 +51,12 @@ def outputs(
     Raises:
         EchoAvatarError: inputs and output do not go together, or a file that is read would be written over.
     """
+    if output == STDIN:
+        raise EchoAvatarError("-o -: files do not go to standard output; name a file, such as NAME.glb")
     if inputs.count(STDIN) > 1:
         raise EchoAvatarError("standard input (-) can be read once; name it once")
-    if STDIN in inputs and sys.stdin is None:
-        raise EchoAvatarError("standard input (-) is closed; send the sound to it, or name a file")
+    if STDIN in inputs:
+        _check_open()
     is_file = bool(output.suffix) and not (output.is_dir() and output.suffix.lower() not in known)
     if is_file and len(inputs) > 1:
         raise EchoAvatarError(f"several {kind}s need a folder: -o {output.with_suffix('')}{os.sep}")
@@ -76,6 +80,36 @@ def check_apart(output: Path | None, **read: Path | None) -> None:
     for kind, path in read.items():  # `resolve` fails on circular links
         if output is not None and path is not None and os.path.realpath(output) == os.path.realpath(path):
             raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
+
+
+@contextmanager
+def readable_sound(sound: Path) -> Iterator[Path]:
+    """The file itself. Standard input is copied to a file, because readers of most formats seek.
+
+    Raises EchoAvatarError: standard input is closed or too long, or the disk is full.
+    """
+    if sound != STDIN:
+        yield sound
+        return
+    _check_open()
+    with tempfile.TemporaryDirectory() as folder:
+        kept = Path(folder) / "stdin"
+        with disk_errors(kept), kept.open("wb") as file:
+            while block := sys.stdin.buffer.read(1 << 20):
+                file.write(block)
+                if file.tell() > STDIN_BYTES:
+                    raise EchoAvatarError(
+                        f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
+                    )
+        try:
+            yield kept
+        except AudioError as error:
+            raise AudioError(str(error).replace(str(kept), "standard input")) from error
+
+
+def _check_open() -> None:
+    if sys.stdin is None:
+        raise EchoAvatarError("standard input (-) is closed; send the sound to it, or name a file")
 
 
 class Batch:

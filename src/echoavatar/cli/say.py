@@ -11,7 +11,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError, one_line
 from echoavatar.outgoing import redacted
 
-from .batch import check_apart
+from .batch import check_apart, readable_sound
 from .options import add_manner, add_repeated, add_server, local_path, progress, seed
 from .play import SINK_HELP
 
@@ -29,7 +29,7 @@ _LOG = logging.getLogger(__name__)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("audio", type=local_path, help="a file with sound, also a video")
+    parser.add_argument("audio", type=local_path, help="a file with sound, also a video; - is standard input")
     add_server(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
@@ -41,7 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Send the file."""
+    from echoavatar.files.exports.formats import SUFFIXES
+
     check_apart(args.output, sound=args.audio)
+    if args.output and args.output.suffix.lower() in {".vrm", *SUFFIXES} - {".npz"}:
+        raise EchoAvatarError(f"-o {args.output}: `say` writes .npz; `export` turns that into {args.output.suffix}")
     if args.output and not args.output.parent.is_dir():
         raise EchoAvatarError(f"folder {args.output.parent} does not exist; create it first")
     try:
@@ -61,7 +65,8 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
     from echoavatar.wire.messages import ActionStatus, BodyOptions, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
-    samples = read_audio(args.audio)
+    with readable_sound(args.audio) as path:
+        samples = read_audio(path)
     began, first, size = time.perf_counter(), 0.0, 0
     async with AsyncExitStack() as stack:
         names = ("liveliness", "handedness", "eye_contact", "feeling")

@@ -273,6 +273,60 @@ def test_a_file_that_breaks_off_is_read_so_far_and_told(
     assert "breaks off" in line or "is damaged" in line
 
 
+@pytest.mark.parametrize(("suffix", "codec"), [(".mp3", "libmp3lame"), (".webm", "libopus")])
+def test_a_download_that_breaks_off_is_told_where_its_length_is_stated(
+    tmp_path: Path, suffix: str, codec: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = encode(tmp_path / f"a{suffix}", codec, talk(48_000), 48_000)
+    is_talk(read_audio(path))
+    assert not caplog.text
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert 0.7 < len(read_audio(path)) / 24_000 < 1.3
+    assert "breaks off" in caplog.text
+
+
+@pytest.mark.parametrize(("suffix", "codec"), [(".webm", "libopus"), (".m4a", "alac")])
+@pytest.mark.parametrize("lost", [0, 1], ids=["paused", "lost"])
+def test_a_gap_in_the_times_of_a_track_is_silence(
+    tmp_path: Path, suffix: str, codec: str, lost: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As in the tracks that conferences record, while a microphone is off or the network loses packets."""
+    encode(tmp_path / f"a{suffix}", codec, np.tile(talk(48_000), 2), 48_000)
+    with av.open(str(tmp_path / f"a{suffix}")) as whole, av.open(str(tmp_path / f"b{suffix}"), "w") as gappy:
+        written = gappy.add_stream_from_template(whole.streams.audio[0])
+        for packet in whole.demux():
+            if packet.dts is None or packet.time_base is None or packet.pts is None:
+                continue
+            second = float(packet.pts * packet.time_base)
+            if lost and 1.7 < second < 2.7:
+                continue
+            packet.pts += round(0 if lost or second < 1.7 else 1 / packet.time_base)
+            packet.dts, packet.stream = packet.pts, written
+            gappy.mux(packet)
+    heard = read_audio(tmp_path / f"b{suffix}")
+    assert len(heard) / 24_000 == pytest.approx(4 if lost else 5, abs=0.05)
+    assert np.abs(heard[42_500:63_500]).max() < 1e-3
+    assert level_db(heard[65_000:]) > -25
+    assert "its times leave out 1.0 s" in caplog.text
+    assert "breaks off" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "told"), [(slice(30_000, 30_001), "silence"), (slice(30_000, -1_000, 500), "breaks off")]
+)
+def test_pages_of_an_ogg_that_are_lost_are_told(
+    tmp_path: Path, spoilt: slice, told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = encode(tmp_path / "a.ogg", "libopus", np.tile(talk(48_000), 2), 48_000)
+    whole = np.frombuffer(path.read_bytes(), np.uint8).copy()
+    whole[spoilt] ^= 0xFF
+    path.write_bytes(whole.tobytes())
+    seconds = len(read_audio(path)) / 24_000
+    assert told in caplog.text
+    assert seconds == pytest.approx(4, abs=0.1) or told == "breaks off"
+
+
 def test_a_pasted_part_that_cannot_be_read_is_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     soundfile.write(tmp_path / "a.wav", TWO, 24_000)
     stub = tmp_path / "stub"

@@ -80,6 +80,15 @@ def test_the_rate_of_the_keys_is_kept_over_ten_minutes(rate: float, tmp_path: Pa
     assert motion.frames == frames
 
 
+@pytest.mark.parametrize(
+    ("times", "fps"), [((0, 0.5, 1), 30), ((0, 0.1, 0.15, 0.5, 0.55, 1), 20), ((0, 0.1, 0.3, 0.4, 1), 10)]
+)
+def test_sparse_keys_are_sampled_so_that_none_is_lost(times: tuple[float, ...], fps: float, tmp_path: Path) -> None:
+    """Keys of an animator, and those that a program which drops needless keys leaves."""
+    motion = read_gltf_clip(animated(tmp_path / "a.glb", turning(list(times))), "one")
+    assert (motion.fps, motion.frames) == (fps, fps + 1)
+
+
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_each_stepped_key_is_shown_from_its_own_frame_on(unit: float, tmp_path: Path) -> None:
     """In seconds or milliseconds, whose 32 bits say a minute with an error of two millionths of a second."""

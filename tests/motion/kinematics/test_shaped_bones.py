@@ -7,8 +7,9 @@ from tests.motion.kinematics.samples import recorded
 
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.joint_tree import REQUIRED
+from echoavatar.motion.kinematics.joint_tree import REQUIRED, Tree
 from echoavatar.motion.kinematics.rigs import known_bones
+from echoavatar.motion.kinematics.shaped_bones import shaped_bones
 
 NAMELESS = {
     "numbers": "bone_{:02}",
@@ -61,3 +62,30 @@ def test_sides_in_names_that_say_nothing_else_are_believed():
              for k, name in enumerate(HUMANOID.names)]  # fmt: skip
     backwards = HUMANOID.rest_positions.astype(np.float64) * [1, 1, -1]  # toes behind: by shape left were right
     assert known_bones(renamed(HUMANOID, names, backwards)) == HUMANOID.config.vrm
+
+
+@pytest.mark.parametrize("has_fingers", [True, False], ids=["fingers", "no fingers"])
+@pytest.mark.parametrize("shares", [(0.5,), (1 / 3, 2 / 3), (0.25, 0.5, 0.75)])
+def test_twist_joints_between_the_bones_are_not_taken_for_them(shares, has_fingers):
+    config = HUMANOID.config
+    hands = {HUMANOID.index(f"{side}Hand") for side in ("left", "right")}
+    new: dict[int, int] = {}
+    parents: list[int] = []
+    places: list[np.ndarray] = []
+    for joint, bone in enumerate(config.names):
+        parent = config.parents[joint]
+        if parent >= 0 and (parent not in new or (parent in hands and not has_fingers)):
+            continue
+        above = new.get(parent, -1)
+        if bone.endswith(("LowerArm", "Hand", "LowerLeg")):
+            start, end = HUMANOID.rest_positions[parent], HUMANOID.rest_positions[joint]
+            for share in shares:
+                parents.append(above)
+                places.append(start + share * (end - start))
+                above = len(parents) - 1
+        parents.append(above)
+        places.append(HUMANOID.rest_positions[joint])
+        new[joint] = len(parents) - 1
+    tree = Tree([f"bone_{k}" for k in range(len(parents))], parents, np.array(places, np.float64))
+    found = shaped_bones(tree)
+    assert {bone: found.get(bone) for bone in REQUIRED} == {bone: new[HUMANOID.index(bone)] for bone in REQUIRED}

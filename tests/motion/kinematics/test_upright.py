@@ -138,7 +138,7 @@ def test_an_unheard_of_unit_makes_a_person_of_the_figure(tmp_path: Path, caplog:
     np.testing.assert_allclose(motion.pose().positions, PERSON.pose().positions, atol=0.05)
 
 
-@pytest.mark.parametrize("times", [100, 1000])
+@pytest.mark.parametrize("times", [10, 100, 1000])
 def test_hips_that_fly_because_their_keys_have_another_unit_come_down(times, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, times * PERSON.root, 30)
     motion = read_bvh(tmp_path / "a.bvh")
@@ -146,12 +146,22 @@ def test_hips_that_fly_because_their_keys_have_another_unit_come_down(times, tmp
     assert f"its hips are {times} times as high as its legs are long" in caplog.text
 
 
-@pytest.mark.parametrize("add", [-0.95, 95.0])
-def test_hips_at_the_origin_or_far_above_it_stay_there(add, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
-    root = PERSON.root + np.array([0, add * (0.4 if add > 0 else 1), 0], np.float32)
+def test_hips_far_above_the_origin_stay_there(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    root = PERSON.root + np.array([0, 38, 0], np.float32)
     write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, root, 30)
     np.testing.assert_allclose(read_bvh(tmp_path / "a.bvh").root, root, atol=1e-4)
     assert not caplog.text
+
+
+@pytest.mark.parametrize("down", [0.6, 0.95, 3.0])
+def test_a_person_in_the_floor_is_lifted_onto_it(down: float, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As in clips without a height, whose hips stay at the origin."""
+    root = PERSON.root - np.array([0, down, 0], np.float32)
+    write_bvh(tmp_path / "a.bvh", PERSON.skeleton, PERSON.rotations, root, 30)
+    raised = read_bvh(tmp_path / "a.bvh").root - root
+    np.testing.assert_allclose(raised, np.broadcast_to(raised[0], raised.shape), atol=1e-5)
+    np.testing.assert_allclose(raised[0], [0, down, 0], atol=0.05)
+    assert "below the floor, and it is lifted onto it" in caplog.text
 
 
 def test_places_in_some_other_unit_are_refused(tmp_path: Path) -> None:

@@ -19,7 +19,8 @@ import av
 import torch
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.audio.files import open_sound
+from echoavatar.models.audio.files import decoded, open_sound
+from echoavatar.motion.formats.bvh import stated_length
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder
@@ -170,7 +171,6 @@ def _write_report(
 
 
 BYTES_PER_FRAME = 52 * 16 + 12 + 1  # motion on our rig
-_LINES = 20_000  # longest hierarchy of a BVH
 
 
 class Forecast(NamedTuple):
@@ -215,31 +215,23 @@ def _seconds(recording: Recording, options: SetOptions) -> tuple[float, bool]:
 
 def motion_header(path: Path) -> tuple[int, float]:
     """Frames and frame rate of a BVH or SMPL-X npz. Raises MotionError if the file is missing or has no such header."""
+    if path.suffix.lower() != ".npz":
+        return stated_length(path)
     try:
-        if path.suffix.lower() == ".npz":
-            with NpzArrays(path, MotionError) as stored:
-                rate = stored.get("mocap_frame_rate", 30.0)
-                return len(stored["trans"]), float(rate)
-        found: dict[str, float] = {}
-        with path.open(encoding="utf-8-sig") as file:
-            for line, _ in zip(file, range(_LINES), strict=False):
-                label, _, value = line.strip().partition(":")
-                if label in ("Frames", "Frame Time"):
-                    found[label] = float(value)
-                if len(found) == 2:
-                    return int(found["Frames"]), 1 / found["Frame Time"]
-    except (OSError, ValueError, KeyError, ZeroDivisionError, UnicodeDecodeError) as error:
+        with NpzArrays(path, MotionError) as stored:
+            rate = stored.get("mocap_frame_rate", 30.0)
+            return len(stored["trans"]), float(rate)
+    except (OSError, ValueError, KeyError) as error:
         raise MotionError(f"{path} cannot be read ({error}); fetch it again") from error
-    raise MotionError(f"{path} ends before its motion; it is incomplete, fetch it again")
 
 
 def sound_seconds(path: Path) -> float:
-    """Length of a sound file in seconds, from its header. Raises MotionError if the file is not sound."""
+    """Length of a sound file in seconds, from its header if that states it. Raises MotionError if it is not sound."""
     try:
         with open_sound(path) as container:
             lasts = container.duration
     except av.FFmpegError as error:
         raise MotionError(f"{path} is not a sound file ({error.strerror}); fetch it again") from error
-    if not lasts:
-        raise MotionError(f"{path} does not say how long it is; convert it to WAV")
+    if not lasts:  # as recorded live
+        return sum(len(piece.samples) / piece.form.rate for piece in decoded(path, 0))
     return float(lasts) / av.time_base

@@ -6,6 +6,7 @@ Names are those of the present protocol (`response.output_audio.delta`) and of i
 
 import codecs
 import json
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from math import isfinite
@@ -24,6 +25,7 @@ PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
 CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
 MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
+_RATE = re.compile(r"^(?!.*bit).*(?:rate|hz)", re.IGNORECASE)  # `rate`, `sampleRate`, `sample_rate_hz`
 MOST_VALUES = 1 << 16  # in an event that is read
 
 
@@ -107,16 +109,19 @@ def audio_format(session: Any, direction: str) -> Format | None:
     """Encoding and rate of a session's `input` or `output`; None if the session does not specify them.
 
     The present protocol has `audio.output.format.type`, the first version `output_audio_format`. Azure states the rate
-    beside it (`input_audio_sampling_rate`), and Alibaba's speech has `response_format` and `sample_rate`.
+    beside it (`input_audio_sampling_rate`), and Alibaba's speech has `response_format` and `sample_rate`. Others have
+    `encoding` and their own names of the rate.
     """
     form = inside(session, "audio", direction, "format") or inside(session, f"{direction}_audio_format")
     if form is None and direction == "output":
         form = inside(session, "response_format")
-    kind = inside(form, "type") if isinstance(form, dict) else form
-    places = [(form, "rate"), (form, "sample_rate"), (session, f"{direction}_audio_sampling_rate")]
-    places += [(session, f"{direction}_audio_sample_rate"), (session, "sample_rate")]
-    rate = next((found for place, key in places if (found := inside(place, key)) is not None), None)
-    if not isinstance(kind, str):
+    fields = form if isinstance(form, dict) else {}
+    said = [fields.get(key) for key in ("type", "encoding")]
+    kind = " ".join(word for word in said if isinstance(word, str)) if fields else form
+    rates = [value for key, value in fields.items() if _RATE.search(key)]
+    rates += [inside(session, f"{direction}_audio_{key}") for key in ("sampling_rate", "sample_rate")]
+    rate = next((found for found in (*rates, inside(session, "sample_rate")) if found is not None), None)
+    if not (kind and isinstance(kind, str)):
         kind = "pcm" if rate is not None else ""
     if (channels := _number(inside(form, "channels")) or 1) > 1:
         kind += f";channels={channels:.0f}"

@@ -43,8 +43,8 @@ _LARGEST_BYTES = 1 << 40
 _PACKET = 4096  # bytes of a WAV that are decoded at once, rounded up to whole samples
 _MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
-_STATE_LENGTH = ("aiff", "flac", "mov")  # formats that state their length; of others FFmpeg guesses it
-_LATE_S = (0.1, 600.0)  # a video's sound that begins so late gets silence before it
+_STATE_LENGTH = ("aiff", "flac", "mov", "ogg")  # formats that state their length; of others FFmpeg guesses it
+_GAP_S = (0.1, 3600.0)  # such a gap in the times of a track, or before the sound of a video, becomes silence
 _BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the stated length: with less a file breaks off, or states no real length
 _BEGINS = {  # of files without an index, by their first four letters
     b"\x1aE\xdf\xa3": re.compile(rb"\x1aE\xdf\xa3.{1,60}?(?:webm|matroska)", re.DOTALL),
@@ -60,6 +60,7 @@ _NO_SOUND = {
     b"MThd": "is notes (MIDI) and no sound; play them into a WAV file, for example with FluidSynth",
     b"PK\x03\x04": "is a ZIP archive and no sound file; unpack it",
 }
+_XING = re.compile(rb"(?:Xing|Info)\0\0\0[\x03\x07\x0b\x0f].{4}(.{4})", re.DOTALL)  # of an MP3: its bytes
 _FRAME = re.compile(rb"\xff[\xe0-\xff]")
 _TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
@@ -157,7 +158,8 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
     if is_told and wav and wav[0] != wav[1]:
         _LOG.warning("%s: a sample of all channels is read as %d bytes, not %d as its header states", path, *wav[:2])
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
-    packets, faults, seconds, begun = container.demux(streams), 0, 0.0, set[int]()
+    packets, faults, seconds, gaps = container.demux(streams), 0, 0.0, 0.0
+    origin, ends = (container.start_time or 0) / av.time_base, dict[int, float]()  # ends: of what came of each track
     while faults <= _MOST_FAULTS:
         try:
             packet = next(packets, None)
@@ -178,16 +180,26 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
             # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
             if (number, form) not in converters:
                 converters[number, form] = av.AudioResampler("flt", frame.layout, frame.sample_rate)
-            if number not in begun and container.streams.video:
-                late = (frame.time or 0) - (container.start_time or 0) / av.time_base
-                if _LATE_S[0] < late < _LATE_S[1]:
-                    yield Piece(number, form, np.zeros((round(late * form.rate), len(form.channels)), np.float32))
-            begun.add(number)
+            end = ends.get(number, origin if container.streams.video else frame.time) or 0.0
+            gap = (end if frame.time is None else frame.time) - end
+            if _GAP_S[0] < gap < _GAP_S[1]:
+                gaps += gap if number in ends else 0
+                seconds += 0 if number else gap
+                yield from _silence(number, form, gap)
+            ends[number] = end + gap + frame.samples / frame.sample_rate
             seconds += 0 if number else frame.samples / frame.sample_rate
             for converted in converters[number, form].resample(frame):
                 yield Piece(number, form, converted.to_ndarray().reshape(converted.samples, -1))
+    if is_told and gaps:
+        _LOG.warning("%s: its times leave out %.1f s, which are taken for silence", path, gaps)
     if is_told and (share := _share(container, path, part, seconds)) < _BROKEN:
         _LOG.warning("%s breaks off: %.0f %% of what it announces is there", path, 100 * share)
+
+
+def _silence(track: int, form: Form, seconds: float) -> Iterator[Piece]:
+    count = round(seconds * form.rate)
+    for start in range(0, count, form.rate):
+        yield Piece(track, form, np.zeros((min(form.rate, count - start), len(form.channels)), np.float32))
 
 
 def _tracks(container: InputContainer) -> list[av.AudioStream]:
@@ -197,9 +209,15 @@ def _tracks(container: InputContainer) -> list[av.AudioStream]:
 
 def _share(container: InputContainer, path: Path, part: range, seconds: float) -> float:
     """The share of the stated length that is there; 1 if none, or only a placeholder such as 2 GB, is stated."""
-    first, share = _tracks(container)[0], 1.0
+    first, share, head = _tracks(container)[0], 1.0, _head(path, part.start)
     if container.format.name == "wav":
-        share = len(part) / (8 + int.from_bytes(_head(path, part.start)[4:8], "little"))
+        share = len(part) / (8 + int.from_bytes(head[4:8], "little"))
+    elif container.format.name == "mp3":
+        tag = _after_tag(head)
+        if found := _XING.search(_head(path, part.start + tag)):
+            share = (len(part) - tag) / max(1, int.from_bytes(found[1]))
+    elif container.format.name.startswith("matroska") and container.duration and len(container.streams) == 1:
+        share = seconds / (container.duration - (container.start_time or 0)) * av.time_base
     elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
         share = seconds / float(first.duration * first.time_base)
     return share if share > _UNKNOWN else 1.0
@@ -286,7 +304,7 @@ def _parts(path: Path) -> list[range]:
         return [range(start, end) for start, end in pairwise([*starts, len(data)])]
 
 
-def _after_tag(data: mmap.mmap, at: int = 0) -> int:
+def _after_tag(data: mmap.mmap | bytes, at: int = 0) -> int:
     """Index of the first byte behind an ID3 tag at `at`, which may hold a large picture; `at` if there is none."""
     if not _TAG.match(data, at):
         return at

@@ -42,6 +42,7 @@ class Mix(NamedTuple):
     weights: Float[np.ndarray, " c"]
     offset: float  # to take away from their sum
 
+    @np.errstate(invalid="ignore", over="ignore")  # the caller refuses what is not finite
     def __call__(self, samples: Float[np.ndarray, "s c"]) -> Float[np.ndarray, " s"]:
         """Mix down."""
         return np.asarray(samples @ self.weights - self.offset, np.float32)

@@ -10,8 +10,8 @@ mean length is used.
 
 import re
 from array import array
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from itertools import pairwise
@@ -83,21 +83,22 @@ def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit
         MotionError: the file is missing, too large, inconsistent, or contains numbers that are not finite. The message
             names the line and the remedy.
     """
-    return read_standing(Path(path), given, metres_per_unit)[0]
+    return _read(Path(path), given, metres_per_unit, is_placed=metres_per_unit is None)[0]
 
 
-def read_standing(
-    path: Path, given: JointMap | None = None, metres_per_unit: float | None = None
+def read_standing(path: Path, given: JointMap | None = None) -> tuple[Motion, Stand]:
+    """As `read_bvh`, but where the file has it, and the unit and axes that the figure has there."""
+    return _read(path, given)
+
+
+def _read(
+    path: Path, given: JointMap | None, metres_per_unit: float | None = None, *, is_placed: bool = False
 ) -> tuple[Motion, Stand]:
-    """As `read_bvh`, and the unit and axes that the figure has in the file."""
     with reading(path) as notes:
         text = _text(path, notes)
-        try:
+        with _naming_lines(path, text):
             joints, at = _joints(text)
             frames, fps = _frames(text, at, sum(len(joint.channels) for joint in joints), notes)
-        except _TextError as error:
-            place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
-            raise MotionError(f"{path}{place}: {error}") from None
         most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
         if len(frames) * len(joints) > most:
             raise MotionError(
@@ -111,8 +112,17 @@ def read_standing(
         stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, bones)
         notes += [] if metres_per_unit else stand.notes()
         motion = righted(motion, stand)
-        motion = motion if metres_per_unit else placed(motion, bones, notes)
+        motion = placed(motion, bones, notes) if is_placed else motion
     return motion, stand
+
+
+def stated_length(path: Path) -> tuple[int, float]:
+    """How many frames a BVH says that it has, and its frame rate. Raises MotionError as `read_bvh`, but for frames."""
+    with reading(path) as notes:
+        text = _text(path, notes)
+        with _naming_lines(path, text):
+            stated, fps, at = _head(text, _joints(text)[1], notes)
+    return round(stated) if stated > 0 else text[at:].strip().count("\n") + 1, fps
 
 
 class _TextError(Exception):
@@ -121,6 +131,16 @@ class _TextError(Exception):
     def __init__(self, complaint: str, at: int | None = None, below: int = 0) -> None:
         super().__init__(complaint)
         self.at, self.below = at, below
+
+
+@contextmanager
+def _naming_lines(path: Path, text: str) -> Iterator[None]:
+    """A context in which a `_TextError` becomes a MotionError that names the file and the line."""
+    try:
+        yield
+    except _TextError as error:
+        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
+        raise MotionError(f"{path}{place}: {error}") from None
 
 
 def _text(path: Path, notes: list[str]) -> str:
@@ -196,8 +216,8 @@ def _number(word: str) -> float:
     return number
 
 
-def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, float]:
-    """The table of channel values, one row per frame, and the frame rate."""
+def _head(text: str, at: int, notes: list[str]) -> tuple[float, float, int]:
+    """The stated count of frames, 0 for none, the frame rate, and where the table begins."""
     head = {"Frames:": "0", "Frame Time:": "0"}
     while found := _HEAD.match(text, at):
         label, at = "Frame Time:" if found[1] else "Frames:", found.end()
@@ -208,7 +228,12 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
             raise _TextError(
                 f"expected {label!r} and a number, not {found[2][:40]!r}; repair the file", found.start(2)
             ) from None
-    stated, fps = _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes)
+    return _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes), at
+
+
+def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, float]:
+    """The table of channel values, one row per frame, and the frame rate."""
+    stated, fps, at = _head(text, at, notes)
     if not width or not (stated or text[at:].strip()):
         notes.append(f"it has no {'frames' if width else 'channels'}, and its rest pose is read")
         return np.zeros((1, width)), fps
@@ -226,7 +251,7 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
     if not is_number.all():
         line = int(np.searchsorted(ends, bad := int(np.argmin(is_number)), "right")) - 1
         word = lines[line].split()[bad - ends[line]]
-        raise _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at, line)
+        raise _TextError(f"{word[:40]!r} is not a finite number below {_MOST:g}; repair the file", at, line)
     is_line = np.diff(ends) > 0
     starts, ends = ends[:-1][is_line], ends[1:][is_line]
     # a line that begins within a frame and ends in another

@@ -1,7 +1,8 @@
 """Read an animation of a character in a GLB, VRM or VRMA file as motion.
 
-Keys are sampled at their most common rate. A bone's rotation is that of its node against the rest pose of
-the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
+Keys are sampled at the rate at which they lie closest, or at 30 frames per second where they are sparse. A bone's
+rotation is that of its node against the rest pose of the rig (`gltf_rig`), so animated nodes above the hips count, and
+so do scales.
 """
 
 from dataclasses import replace
@@ -26,8 +27,9 @@ from .gltf_nodes import Array, above, node_matrix, rotation_of, scale_of, unscal
 from .gltf_rig import GltfRig, read_gltf_rig
 from .reading import reading
 
-_RATES = (1.0, 240.0)  # keys per second that count as a frame rate
-_EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
+_RATES = (10.0, 240.0)  # keys per second that count as a frame rate; an animator or a reducer leaves fewer
+_SMALL = 0.05  # share of the steps between keys that may be smaller than a frame
+_EVEN = 0.1  # of a step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 _APART_S = 0.9  # the times of keys that are farther apart may be frame numbers
 _MS, _MANY = 8.0, 8  # keys farther apart, and more in each track, have their times in milliseconds
@@ -103,7 +105,9 @@ def _sampled(rig: GltfRig, tracks: dict[tuple[int, str], _Track], needed: set[in
     """The motion of all frames, in our axes; `notes` receives what was assumed."""
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
-    steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps
+    steps = steps[steps > 0]  # two keys at one time are a jump
+    small = float(np.quantile(steps, _SMALL, method="lower")) if steps.size else 0.0
+    steps = steps[np.abs(steps - small) < _EVEN * small]
     step = float(steps.mean()) if steps.size else 1 / FRAME_RATE_HZ
     is_ms = step > _MS and steps.size > _MANY * len(tracks)
     per_second = 1000.0 if is_ms else 1.0

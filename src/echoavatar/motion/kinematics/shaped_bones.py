@@ -21,6 +21,8 @@ ALIKE = 0.2  # the most by which two legs or two arms differ in length
 KNEE = 0.25  # of a limb: each of its two bones is longer
 SIDEWAYS = 0.08  # of the height: arms go farther from the middle
 COLLAR = 0.85  # of the next bone: a shoulder is shorter, an upper arm is not
+INNER = 0.6  # of a thigh's distance from the middle: what begins nearer is a shoulder, whatever twist joints follow
+REACH = 0.65  # of the way to the tip of an arm: a hand without fingers begins no nearer, but twist joints do
 KNUCKLE = 0.45  # of the way from wrist to the second joint of a finger: a metacarpal begins nearer
 THUMB = 0.75  # of the usual way from wrist to finger: a thumb begins nearer
 FEET, KNEES = 0.05, 0.01  # of the height, both together: less says nothing about the front
@@ -76,7 +78,9 @@ class _Body:
         at_arms = tree.meet(ends)
         if at_arms in (-1, hips, *ends) or min(aside[ends[0]], -aside[ends[1]]) < SIDEWAYS * self.tall:
             return {}
-        arms = self._alike([self._arm((tree.between(at_arms, end) or [end])[0]) for end in ends])
+        ways = [(tree.between(at_arms, end) or [end])[0] for end in ends]
+        inner = INNER * min(abs(aside[leg[0]]) for leg in legs)
+        arms = self._alike([self._arm(way, is_inner=abs(aside[way]) < inner) for way in ways])
         head = head_above(tree, at_arms, ends, self.up)
         if not arms or head < 0 or self.high[head] < self.high[at_arms]:
             return {}
@@ -128,7 +132,7 @@ class _Body:
         }
         return leg + sorted(far, key=far.__getitem__)[-1:]
 
-    def _arm(self, way: int) -> list[int]:
+    def _arm(self, way: int, *, is_inner: bool) -> list[int]:
         """Upper arm, lower arm, hand, and where there is one the shoulder; empty for what is no arm."""
         tree = self.tree
         reach = {way: 0.0}
@@ -137,8 +141,12 @@ class _Body:
         line = tree.above(max(self._below(way), key=reach.__getitem__))
         line = line[: line.index(way) + 1][::-1]
         hand = next((joint for joint in line[2:] if len(self._digits(joint)) > 2), -1)
-        shoulder = line[:1] if len(line) > 3 and self._long(*line[:2]) < COLLAR * self._long(*line[1:3]) else []
-        line = line[len(shoulder) : line.index(hand) + 1 if hand >= 0 else len(shoulder) + 3]
+        is_short = len(line) > 3 and (is_inner or self._long(*line[:2]) < COLLAR * self._long(*line[1:3]))
+        shoulder = line[:1] if is_short else []
+        line = line[len(shoulder) :]
+        if hand < 0:  # no fork of fingers
+            hand = line[2] if len(line) > 2 and self._long(*line[:3]) > REACH * self._long(*line) else line[-1]
+        line = line[: line.index(hand) + 1]
         arm = tree.evenest(line[:-1], line[-1])  # twist joints are nearer to each other
         return [*arm, line[-1], *([way] if arm[0] != way else [])] if arm else []
 

@@ -44,7 +44,8 @@ _LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 and of 0.36 degrees: how far 
 _ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
 _SAME = 2.99  # trace of a turn by 6 degrees; smaller turns are not reported
 _MOSTLY, _FASTEST = 0.9, 10.0  # share of the time; body heights a second, faster than anybody moves
-_TIMES, _NEAR = (100.0, 1000.0), 1.15  # by which hip positions may be too large, and the tolerance of the test
+_TIMES, _NEAR = (10.0, 100.0, 1000.0), 1.15  # by which hip positions may be too large, and the tolerance of the test
+_LOW, _SUNK = 0.1, 0.25  # share of the time in which feet touch the floor; of the height: no deeper are feet in it
 _BEHIND = 0.04  # of the length of a leg: toes so far behind the feet, both together, belong to a mirrored figure
 _SAMPLES = 64  # frames of a clip that are looked at
 _NEEDED = {"hips", "head"} | {s + bone for s in SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
@@ -144,9 +145,10 @@ def _faces_toes(bones: Mapping[str, int], places: Float[np.ndarray, "t j 3"], up
 
 
 def placed(motion: Motion, bones: Mapping[str, int], notes: list[str]) -> Motion:
-    """A motion in metres, Y up, with its hips in the unit of its bones; `notes` receives what was changed.
+    """A motion in metres, Y up, above the floor, its hips in the unit of its bones; `notes` say what changed.
 
     Some programs scale the bones and not the keys, so that the hips fly a hundred times as high as the legs are long.
+    Others write no height: the hips stay at 0.
     Raises MotionError: it moves faster than any body, because its places have some other unit.
     """
     if _NEEDED - bones.keys() or not (tall := height(bones, motion.skeleton.rest_positions)):
@@ -156,6 +158,13 @@ def placed(motion: Motion, bones: Mapping[str, int], notes: list[str]) -> Motion
     if times := next((times for times in _TIMES if leg / _NEAR < high / times < leg * _NEAR), 0.0):
         notes.append(f"its hips are {times:g} times as high as its legs are long, and their places are divided by that")
         motion = Motion(motion.skeleton, motion.rotations, motion.root / np.float32(times), motion.fps)
+        places = places / times
+    if (low := float(np.quantile(places[:, 1:].min(1), _LOW))) < -_SUNK * tall:
+        notes.append(f"its feet are {-low:.2f} m below the floor, and it is lifted onto it")
+        rest = motion.skeleton.rest_positions[:, 1]
+        sole = rest[[bones["leftFoot"], bones["rightFoot"]]].mean() - rest.min()
+        lift = np.array([0, sole - low, 0], np.float32)
+        motion = Motion(motion.skeleton, motion.rotations, motion.root + lift, motion.fps)
     speeds = np.linalg.norm(np.diff(motion.root.astype(np.float64), axis=0), axis=1) * motion.fps / tall
     if speeds.size and (speed := float(np.quantile(speeds, _MOSTLY))) > _FASTEST:
         raise MotionError(f"its hips move {speed:.0f} times its height a second; give places in the unit of its bones")

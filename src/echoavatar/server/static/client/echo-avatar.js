@@ -1,1 +1,1 @@
-export{c as EchoAvatarElement}from"./client-J7wVaZCs.js";
+export{c as EchoAvatarElement}from"./client-tL30f44F.js";

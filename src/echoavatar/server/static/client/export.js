@@ -1,1 +1,1 @@
-export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-J7wVaZCs.js";
+export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-tL30f44F.js";

@@ -1,1 +1,1 @@
-export{n as followRoom}from"./client-J7wVaZCs.js";
+export{n as followRoom}from"./client-tL30f44F.js";

@@ -1,1 +1,1 @@
-export{t as followBot}from"./client-J7wVaZCs.js";
+export{t as followBot}from"./client-tL30f44F.js";
