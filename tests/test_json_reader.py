@@ -1,6 +1,7 @@
 """JSON from outside is read within bounds, or refused in one line."""
 
 import ast
+import base64
 import json
 import os
 import re
@@ -11,7 +12,22 @@ import msgspec
 import pytest
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.json_reader import read_json, read_object, read_object_file
+from echoavatar.json_reader import from_base64, read_json, read_object, read_object_file
+
+
+@pytest.mark.parametrize("spelling", ["plain", "URL-safe", "form", "no padding", "lines"])
+def test_base64_is_read_however_programs_spell_it(spelling: str) -> None:
+    data = bytes(range(256)) + b"\xfb\xef\xbe\xff"
+    text = base64.b64encode(data).decode()
+    spelt = {
+        "plain": text,
+        "URL-safe": base64.urlsafe_b64encode(data).decode(),
+        "form": text.replace("+", " "),
+        "no padding": text.rstrip("="),
+        "lines": "".join(f"  {text[at : at + 76]}\r\n" for at in range(0, len(text), 76)),
+    }
+    assert "+" in text
+    assert from_base64(spelt[spelling]) == data
 
 
 def test_what_json_can_say_is_read() -> None:

@@ -20,15 +20,15 @@ from .limits import CONFIG_BYTES, JSON_VALUES, read_bytes
 # The parser reads 1e999 as infinity, and so 210 digits with an exponent of 99. Two searches take half as long as one.
 _MAY_BE_INFINITE = re.compile(rb"[eE]\+?0*[1-9]\d\d"), re.compile(rb"\d{210}")
 
-_FROM_URL_SAFE = str.maketrans("-_", "+/")
+_FROM_URL = str.maketrans("-_ ", "+/+")  # URL-safe letters, and a + that was decoded as in a form
 
 
 def from_base64(text: str) -> bytes:
-    """The bytes in base64, also URL-safe, in lines, or without padding. Raises ValueError for any other text."""
+    """The bytes in base64, also URL-safe, form-decoded, in lines, or without padding. Raises ValueError for other text."""
     try:
         return base64.b64decode(text, validate=True)
     except ValueError:
-        plain = "".join(text.split()).translate(_FROM_URL_SAFE).rstrip("=")
+        plain = "".join(line.strip() for line in text.splitlines()).translate(_FROM_URL).rstrip("=")
         return base64.b64decode(plain + "=" * (-len(plain) % 4), validate=True)
 
 
