@@ -24,7 +24,7 @@ _FROM_URL = str.maketrans("-_ ", "+/+")  # URL-safe letters, and a + that was de
 
 
 def from_base64(text: str) -> bytes:
-    """The bytes in base64, URL-safe, form-decoded, in lines, or without padding too. Raises ValueError for other text."""
+    """The bytes in base64, URL-safe, form-decoded, in lines or unpadded too. Raises ValueError for other text."""
     try:
         return base64.b64decode(text, validate=True)
     except ValueError:
