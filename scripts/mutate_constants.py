@@ -34,7 +34,7 @@ FACTOR, DECIBELS = 5.0, 14.0
 CONSTANTS = {  # by file of the package
     "motion/stages/smoother": "STIFFNESS BEND:share LATE FASTEST",
     "motion/stages/stillness": "STILL_HZ GAIN_HZ LEAK:share AVERAGE_S CATCH_UP TRAVEL TRAVEL_S",
-    "motion/stages/carriage": "HIPS LEANS RISES FORWARD HANGING HEAD HEAD_S",
+    "motion/stages/carriage": "HIPS LEANS RISES FORWARD HANGING",
     "motion/stages/feet": "ENTER_HEIGHT LEAVE_HEIGHT LEAVE_SPEED FADE:share SETTLE:share LARGEST LARGEST_ON_LEASH BACK"
     " STANDING_SPEED STEPPING_SPEED CLEARANCE CLEAR RISE:share | motion/stages/test_feet motion/stages/test_modes",
     "motion/stages/ground": "RELEASE_HEIGHT",
@@ -45,7 +45,7 @@ CONSTANTS = {  # by file of the package
     "motion/expression": "RISE_S FALL_S SPEAKING_JAW LIPS_KEPT:share",
     "motion/gaze": "RISE_S FALL_S HEAD_SHARE:share NECK_SHARE:share FARTHEST WELCOME BEHIND LOOK GLANCES:share",
     "motion/idle_motion": "BREATH BREATH_S INHALE:share SHIFT_EVERY_S SHIFT_S WAITING_M TALKING_M PAST_M NARROW_M"
-    " FOLLOWS_S LEAN_EVERY_S LEAN_S UPRIGHT:share LEAN SWAY_M LOOK_EVERY_S LOOK_S AHEAD:share LOOK_YAW LOOK_PITCH"
+    " FOLLOWS_S LEAN_EVERY_S LEAN_S UPRIGHT:share LEAN SWAY_M LOOK_EVERY_S LOOK_S AHEAD:share LOOKS PAUSES_S"
     " RISE_S FALL_S",
     "engine/settling": "STANDING DANCES DANCES_S RECENT_S AGAIN_S RESTING DANCE_RESTS_S TALK_RESTS_S",
     "engine/listener": "SOUND_DB:dB OVER_FLOOR_DB PAUSE_S TURN_S LEAST_SPEECH_S LEAST_GAP_S NOD_S NOD_SHARE:share",

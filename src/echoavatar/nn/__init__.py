@@ -1,6 +1,6 @@
 """How networks run: state, compiled kernels, exported graphs, and the torch modules of echoavatar-lab.
 
-May import `errors` and `cache`.
+May import `stored`, `errors` and `cache`.
 """
 
 from .state import StreamState

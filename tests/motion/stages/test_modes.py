@@ -48,7 +48,7 @@ def walk() -> Motion:
 
 
 def with_options(motion: Motion, options: MotionOptions) -> Motion:
-    return replayed(Post(HUMANOID, stages=("leash", "feet")), motion, options)
+    return replayed(Post(HUMANOID, stages=("leash", "feet")), motion, options=options)
 
 
 def balls(motion: Motion) -> np.ndarray:

@@ -29,6 +29,7 @@ from echoavatar.engine.settling import Settling
 from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.motion.stages.stillness import WHOLE
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
@@ -177,7 +178,7 @@ def true_codes(
         motions = {
             TRUTH: clip.motion(tokenizer.skeleton),
             DECODED: decoded,
-            SHOWN: replayed(post, decoded, clip.audio if pipeline.has_manner else None, bundle.chunk),
+            SHOWN: replayed(post, decoded, clip.audio if pipeline.has_manner else None, chunk=bundle.chunk),
         }
         if not others:
             [tokens] = token_clips(bundle, [clip])
@@ -211,7 +212,12 @@ def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
 
 
 def replayed(
-    post: Post, motion: Motion, audio: Float[np.ndarray, " s"] | None = None, chunk: ChunkSize = CHUNK
+    post: Post,
+    motion: Motion,
+    audio: Float[np.ndarray, " s"] | None = None,
+    *,
+    options: MotionOptions = FREE,
+    chunk: ChunkSize = CHUNK,
 ) -> Motion:
     """Run a finished motion through the stages, chunk by chunk, as a new session.
 
@@ -220,6 +226,7 @@ def replayed(
     """
     features = to_features(post.skeleton, motion.matrices(), motion.root)
     state, everyone, settling = post.init_state(1), np.ones(1, np.bool_), Settling(chunk)
+    state.modes.choose(everyone, options)
     padded = np.pad(features, ((0, -len(features) % chunk.frames), (0, 0)), mode="edge")
     steps = list[MotionChunk]()
     for number, piece in enumerate(np.split(padded[None], len(padded) // chunk.frames, 1)):
