@@ -17,6 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
+from echoavatar.motion import gaze, homecoming, idle_motion
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server
@@ -53,6 +54,8 @@ def serving(
     workers: int | None = None,
     tls: tuple[Path, Path] | None = None,
 ) -> Iterator["RunningServer"]:
+    for part in (homecoming, idle_motion, gaze):  # as `open_engine` does: compiling holds up the server's loop
+        part.warm_up(HUMANOID)
     engine = Engine(pipeline or Body(step_s), seats=seats, workers=workers)
     engine._capacity.note = lambda *_: None  # who is let in must not depend on how busy this machine is
     app = create_app(engine, settings)
