@@ -1,8 +1,8 @@
 """Gestures that words ask for: a hand to the chest at "me", an open arm at "there". Not in the paper.
 
 The generator hears sound alone and knows no words. Where a voice tells its words and their times, some of them begin an
-            liveliness: as the model is told it, 0 to 1; at 0.5 a concept's own chance holds.
-            is_free: whether the session may gesture. A running action always goes first.
+action of the library, so early that its stroke meets the word. `words.json` holds the words of each concept, and the
+actions that show it. Which words get a gesture depends on the seed, the liveliness and earlier gestures.
 """
 
 import logging

@@ -3,8 +3,7 @@
 Captured talkers turn hips and trunk together and raise a shoulder with its arm. The generator turns the trunk over hips
 that stand, and keeps both shoulders down. So hips take `HIPS` of the spine's turn about the vertical and `LEANS` of its
 lean; thighs and chest keep their directions. A shoulder rises and comes forward with its arm, which keeps its direction
-(scapulohumeral rhythm). With u and f, how far the arm points up and to
-the front (-1 to 1):
+(scapulohumeral rhythm). With u and f, how far the arm points up and to the front (-1 to 1):
 
     rises by RISES tanh(u + HANGING), comes forward by FORWARD f    (radians)
 
