@@ -3,8 +3,9 @@
 In silence the model's codes come to rest, and the body would freeze; while it talks, its legs would stand stiff. Breath
 always goes on. Weight shifts and the head looks about while nothing else moves the body and, further, while it talks:
 the generator keeps the head in one direction; people who talk turn and tilt it every few seconds. The trunk leans in
-silence only. Dances and requested actions end all three; a talker's looks fade within some seconds. The times of all movements are functions of the session's seed
-and the frame number, so a session that goes back breathes as it did the first time.
+silence only. Dances and requested actions end all three; a talker's looks fade within some seconds. The times of all
+movements are functions of the session's seed and the frame number, so a session that goes back breathes as it did the
+first time.
 
 A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. It also
 keeps the hips of a standing or talking body over its feet; generated hips lean past them. The loop over frames is
