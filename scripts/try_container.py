@@ -119,6 +119,8 @@ def main() -> int:
     args = parser.parse_args()
     if os.geteuid() or sys.platform != "linux":
         parser.exit(1, "this needs root on Linux: sudo env PATH=$PATH python scripts/try_container.py\n")
+    if hidden := [folder for folder in SERVICE["tmpfs"] if Path(sys.prefix).is_relative_to(folder)]:
+        parser.exit(1, f"the tmpfs of compose.yaml hides {sys.prefix}: clone outside {hidden[0]}\n")
     echo, failed = [sys.executable, "-m", "echoavatar"], 0
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         volume = Path(folder)

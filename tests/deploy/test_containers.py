@@ -155,6 +155,8 @@ SERVES = ["--command", "serve", "--case", "as compose.yaml", "--case", "nothing 
 def test_the_commands_run_with_the_settings_of_compose(words: list[str]) -> None:
     if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False).returncode:
         pytest.skip("no namespace may be made here")
+    if hidden := [folder for folder in SERVICE["tmpfs"] if Path(sys.prefix).is_relative_to(folder)]:
+        pytest.skip(f"the tmpfs of compose.yaml hides {sys.prefix}: clone outside {hidden[0]}")
     program = [sys.executable, ROOT / "scripts" / "try_container.py", *words]
     done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
