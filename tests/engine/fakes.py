@@ -40,7 +40,7 @@ class FakePipeline:
     def restart_generator(self, state: Heard, rows: np.ndarray) -> None:
         """Nothing that it remembers is motion."""
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         state.total += np.where(active, audio.sum(1), 0)
         frames = audio.shape[1] // 800
         return [

@@ -22,7 +22,7 @@ class Machine(FakePipeline):
         self.now, self.slower, self.batches = 0.0, 1.0, list[int]()
         self.waits: dict[SessionCore, list[float]] = {}
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         self.batches.append(len(audio))
         self.now += self.slower * (0.02 + 0.01 * len(audio))
         return super().step(audio, state, active)

@@ -1,6 +1,8 @@
 import gc
 import threading
+import time
 import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +62,7 @@ class Meeting(FakePipeline):
         self.door = threading.Barrier(2)
         self.rows: list[int] = []
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         self.rows.append(len(audio))
         self.door.wait(10)
         return super().step(audio, state, active)
@@ -84,7 +86,7 @@ def test_two_workers_step_two_sessions_side_by_side_each_by_itself() -> None:
 
 def test_a_failure_in_a_worker_is_raised_by_tick() -> None:
     class Failing(FakePipeline):
-        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
             raise EchoAvatarError("no")
 
     machine = Engine(Failing(), workers=2)  # type: ignore[arg-type]
@@ -181,6 +183,45 @@ def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle
     for one, other in zip(faulty, sound, strict=True):
         np.testing.assert_array_equal(one.rotations, other.rotations)
         np.testing.assert_array_equal(one.root, other.root)
+
+
+def test_a_worker_to_spare_makes_the_face_and_after_a_fault_it_is_waited_for(tiny_bundle: Path) -> None:
+    """Beside the body, to the bit as after it; a body that fails leaves no thread that still writes to the face."""
+    bundle, whole = load_bundle(tiny_bundle), sound(0)
+    bundle = replace(bundle, parts={**bundle.parts, "face": load_bundle().parts["face"]})
+    threads: dict[str, set[str]] = {}
+
+    def run(workers: int, faults: int) -> list[MotionChunk]:
+        pipeline = Pipeline(bundle)
+        machine = Engine(pipeline, workers=workers)
+
+        def note(stage: str) -> None:
+            nonlocal faults
+            threads.setdefault(f"{stage} {workers}", set()).add(threading.current_thread().name)
+            if stage == "face":
+                time.sleep(0.02)  # so that the body fails first
+            if stage == "codec" and faults:
+                faults -= 1
+                raise MemoryError("no room")
+
+        pipeline.warm_up()
+        pipeline.on_stage = note
+        session = machine.open(seed=3)
+        session.push(whole)
+        for _ in range(faults):
+            with pytest.raises(MemoryError):
+                machine.tick()
+        return list(session)
+
+    alone, beside, repeated = run(1, 0), run(2, 0), run(2, 3)
+    assert threads["face 1"] == threads["codec 1"]
+    assert len(threads["face 2"] | threads["codec 2"]) > 1
+    assert len(alone) == len(beside) == len(repeated) == CHUNKS
+    for one, two, three in zip(alone, beside, repeated, strict=True):
+        assert one.face is not None
+        for other in (two, three):
+            np.testing.assert_array_equal(one.face, other.face)
+            np.testing.assert_array_equal(one.rotations, other.rotations)
 
 
 def test_a_fault_while_what_changed_is_kept_is_taken_back_too(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,7 +108,7 @@ class Dancer(FakePipeline):
     def restart_generator(self, state: Heard, rows: np.ndarray) -> None:
         self.forgot += int(rows.sum())
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         return [limbs(0 if self.forgot else 200) for _ in audio]
 
 

@@ -37,7 +37,7 @@ class Faulty(FakePipeline):
 
     faults, broken = 0, False
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         chunks = super().step(audio, state, active)
         if self.broken or self.faults or (audio == 13).any():
             self.faults = max(0, self.faults - 1)
@@ -160,7 +160,7 @@ class Gated(FakePipeline):
         self.inside: list[float] = []
         self.gates = {1.0: threading.Event(), 2.0: threading.Event()}
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> list[MotionChunk]:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> list[MotionChunk]:
         heard = float(audio[0, 0])
         self.inside.append(heard)
         self.gates[heard].wait(10)

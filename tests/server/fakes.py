@@ -38,7 +38,7 @@ class Body(FakePipeline):
     def __init__(self, seconds: float = 0.0, chunk: ChunkSize = CHUNK) -> None:
         self.seconds, self.chunk = seconds, chunk
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> Any:
         time.sleep(self.seconds)
         chunks = super().step(audio, state, active)
         return [chunk._replace(root=(chunk.root * 1e-5).astype(np.float32)) for chunk in chunks]

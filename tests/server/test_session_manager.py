@@ -312,7 +312,7 @@ def test_in_a_batch_all_go_with_the_one_that_is_due() -> None:
     class Counting(Body):
         active: list[int] = []
 
-        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
+        def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> Any:
             self.active.append(int(active.sum()))
             return super().step(audio, state, active)
 

@@ -25,7 +25,7 @@ class Staged(Body):
 
     on_stage: Any = None
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> Any:
         self.on_stage("codec")
         time.sleep(0.02)
         self.on_stage("generator")

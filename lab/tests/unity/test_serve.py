@@ -47,7 +47,7 @@ class StandIn(FakePipeline):
     def directive(self, members):
         return members
 
-    def step(self, audio, state, active, *, directive=None):
+    def step(self, audio, state, active, *, directive=None, **told):
         self.asked.append([] if directive is None else np.flatnonzero(directive[0]).tolist())
         turns = np.tile(np.float32([1, 0, 0, 0]), (8, JOINTS, 1))
         root = np.full((8, 3), float(np.abs(audio).max()), np.float32)

@@ -17,8 +17,9 @@ import math
 import threading
 import time
 from collections.abc import Callable, Collection
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -187,7 +188,8 @@ class Engine:
         ready = self._claim(everyone=True)
         size = max(1, self._share(len(ready)))
         groups = [ready[first : first + size] for first in range(0, len(ready), size)]
-        list((self._pool.map if self._pool else map)(lambda group: self._step(group, self._make), groups))
+        make = partial(self._make, beside=self._pool if len(groups) < self._workers else None)
+        list((self._pool.map if self._pool else map)(lambda group: self._step(group, make), groups))
         for session in ready:
             if session.error is not None:
                 raise session.error
@@ -297,8 +299,8 @@ class Engine:
             return False
         return True
 
-    def _make(self, ready: list[SessionCore]) -> None:
-        """Make a chunk of each session; a fault leaves their rows as they were."""
+    def _make(self, ready: list[SessionCore], beside: Executor | None = None) -> None:
+        """Make a chunk of each session; a fault leaves their rows as they were. `beside` has threads to spare."""
         seats = list(range(self.seats)) if self.is_batched else [session.seat for session in ready]
         rows = [seats.index(session.seat) for session in ready]
         count = len(seats)
@@ -320,6 +322,7 @@ class Engine:
         before, state = [self._rows.kept(session.seat) for session in ready], self._rows.of(seats)
         told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
         told |= {"manner": manner, "hands": hands} if self.pipeline.has_manner else {}
+        told |= {"beside": beside} if beside else {}
         try:
             if forgets.any():
                 self.pipeline.restart_generator(state, forgets)

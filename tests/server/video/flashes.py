@@ -18,7 +18,7 @@ AWAY_M = 6.0  # a body so far above is out of the picture
 class Flasher(Body):
     """The body leaves the picture, which is then brighter, in frames whose first samples sound."""
 
-    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray) -> Any:
+    def step(self, audio: np.ndarray, state: Heard, active: np.ndarray, **told: object) -> Any:
         made = []
         for row in audio:
             loud = np.abs(row.reshape(-1, FRAME)[:, :100]).max(1) > 0.05

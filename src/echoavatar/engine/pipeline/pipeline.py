@@ -14,6 +14,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Collection
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,15 +213,17 @@ class Pipeline:
         directive: Directive | None = None,
         manner: Float[np.ndarray, "b m"] | None = None,
         hands: Float[np.ndarray, "b 3"] | None = None,
+        beside: Executor | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
         A chunk has `chunk.samples` samples (paper: 6,400, ours 3,200) and gives `chunk.frames` frames (8, 4).
         The smoother works on eight frames at most, so a longer chunk passes the stages behind the decoder in pieces.
         Row by row, `directive` holds the requests of actions, `manner` the numbers of `TOLD`, and `hands` the sizes of
-        the arms' moves (`stillness.WHOLE`). `on_stage` is called after each stage.
+        the arms' moves (`stillness.WHOLE`). `on_stage` is called after each stage. A thread of `beside` makes the face,
+        which does not depend on the body, while this one makes the body.
         """
-        features, face = self._features(audio, state, active, directive, manner)
+        features, face = self._features(audio, state, active, directive, manner, beside)
         pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
         motion = join_batches([self.post.step(piece, state.post, active, self.on_stage, hands) for piece in pieces])
         if self.cylinder:
@@ -234,21 +237,45 @@ class Pipeline:
         active: Bool[np.ndarray, " b"],
         directive: Directive | None = None,
         manner: Float[np.ndarray, "b m"] | None = None,
+        beside: Executor | None = None,
     ) -> tuple[Float[np.ndarray, "b t c"], Float[np.ndarray, "b t 52"] | None]:
         """What the models make of a chunk: motion before the stages behind the decoder, and the face."""
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
+        if beside is None:
+            face = self._faces(level, state, active)
+            return self._bodies(level, state, active, directive, manner), face
+        making = beside.submit(self._faces, level, state, active)
+        try:
+            features = self._bodies(level, state, active, directive, manner)
+        finally:
+            face = making.result()  # after a fault, too: nobody may write to the state any more
+        return features, face
+
+    def _faces(
+        self, level: Float[np.ndarray, "b s"], state: PipelineState, active: Bool[np.ndarray, " b"]
+    ) -> Float[np.ndarray, "b t 52"] | None:
         face = self.face.step(level, state.face[0], active, state.seeds) if self.face else None
         self.on_stage("face")
+        return face
+
+    def _bodies(
+        self,
+        level: Float[np.ndarray, "b s"],
+        state: PipelineState,
+        active: Bool[np.ndarray, " b"],
+        directive: Directive | None,
+        manner: Float[np.ndarray, "b m"] | None,
+    ) -> Float[np.ndarray, "b t c"]:
         sounds = self.encode_audio(level, state, active)
         self.on_stage("codec")
         exemplar, bias = directive or (None, None)
         told = {"exemplar": exemplar, "bias": bias, "manner": manner}
         codes = self.generator.step(sounds, state.generator, active, seeds=state.seeds, **told)
         self.on_stage("generator")
-        features = self.decoder.step(codes, state.decoder, active)
+        features: np.ndarray = self.decoder.step(codes, state.decoder, active)
         self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
-        return features, face
+        return features
