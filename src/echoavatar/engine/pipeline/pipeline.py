@@ -14,7 +14,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Collection
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -173,8 +173,9 @@ class Pipeline:
     def _after_silence(self) -> PipelineState:
         """One row whose models have heard the lead-in silence; the stages behind the decoder have seen nothing."""
         state, everyone = self.init_state(1), np.ones(1, np.bool_)
-        for _ in range(self._lead_in):
-            self._features(np.zeros((1, self.chunk.samples), np.float32), state, everyone)
+        with ThreadPoolExecutor(1) as beside:
+            for _ in range(self._lead_in):
+                self._features(np.zeros((1, self.chunk.samples), np.float32), state, everyone, beside=beside)
         return state
 
     def restart_generator(self, state: PipelineState, rows: Bool[np.ndarray, " b"]) -> None:
