@@ -224,6 +224,31 @@ def test_a_worker_to_spare_makes_the_face_and_after_a_fault_it_is_waited_for(tin
             np.testing.assert_array_equal(one.rotations, other.rotations)
 
 
+def test_two_threads_that_tick_at_once_do_not_wait_for_each_other(tiny_bundle: Path) -> None:
+    pipeline = Pipeline(load_bundle(tiny_bundle))
+    pipeline.warm_up()
+    machine, both = Engine(pipeline, seats=2, workers=2), threading.Barrier(2)
+    first, second = machine.open_core(), machine.open_core()
+
+    def meet(stage: str) -> None:
+        if stage == "level":
+            both.wait(10)
+
+    pipeline.on_stage = meet
+    first.push(np.ones(6_400, np.float32))
+    other = threading.Thread(target=machine.tick, daemon=True)
+    other.start()
+    while not both.n_waiting:
+        time.sleep(0.001)
+    second.push(np.ones(6_400, np.float32))
+    last = threading.Thread(target=machine.tick, daemon=True)
+    last.start()
+    for thread in (other, last):
+        thread.join(10)
+        assert not thread.is_alive()
+    assert first.made == second.made == 6_400
+
+
 def test_a_fault_while_what_changed_is_kept_is_taken_back_too(monkeypatch: pytest.MonkeyPatch) -> None:
     faults, changes = [MemoryError("no room")], Rows.changes
 

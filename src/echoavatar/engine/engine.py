@@ -95,6 +95,7 @@ class Engine:
         self.workers = max(1, self._workers)  # threads that can make use of `work`
         self._capacity = Capacity(self.workers, self.chunk.seconds)
         self._pool = ThreadPoolExecutor(self._workers, "worker") if self._workers > 1 else None
+        self._beside = ThreadPoolExecutor(1, "face")  # its tasks wait for nobody, so threads may wait for them
         self._lock, self._awake = threading.RLock(), threading.Condition()
 
     @property
@@ -188,7 +189,7 @@ class Engine:
         ready = self._claim(everyone=True)
         size = max(1, self._share(len(ready)))
         groups = [ready[first : first + size] for first in range(0, len(ready), size)]
-        make = partial(self._make, beside=self._pool if len(groups) < self._workers else None)
+        make = partial(self._make, beside=self._beside if len(groups) < self._workers else None)
         list((self._pool.map if self._pool else map)(lambda group: self._step(group, make), groups))
         for session in ready:
             if session.error is not None:
@@ -300,7 +301,7 @@ class Engine:
         return True
 
     def _make(self, ready: list[SessionCore], beside: Executor | None = None) -> None:
-        """Make a chunk of each session; a fault leaves their rows as they were. `beside` has threads to spare."""
+        """Make a chunk of each session; a fault leaves their rows as they were. `beside` makes the faces."""
         seats = list(range(self.seats)) if self.is_batched else [session.seat for session in ready]
         rows = [seats.index(session.seat) for session in ready]
         count = len(seats)
