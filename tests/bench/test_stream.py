@@ -32,15 +32,16 @@ def test_several_sessions_share_a_tick(tiny_bundle: Path) -> None:
     assert report.summary["sessions"] == 3
 
 
-def test_the_papers_own_order_can_be_timed(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In small: the order of the paper's size, which prefills its window at every step."""
+@pytest.mark.parametrize("of", ["tiny", "shipped"])
+def test_the_papers_own_order_can_be_timed(of: str, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In small: the order of the paper's size, which prefills its window at every step; graphs have another chunk."""
 
     def small(layout: TokenLayout, sequence: Any) -> GeneratorConfig:
         sizes = {"width": 64, "layers": 1, "heads": 4, "kv_heads": 2, "mlp": 64}
         return qwen_half_billion(layout, sequence).model_copy(update=sizes)
 
     monkeypatch.setattr(bundles, "qwen_half_billion", small)
-    bundle = bundles.with_random_generator(load_bundle(tiny_bundle))
+    bundle = bundles.with_random_generator(load_bundle(tiny_bundle if of == "tiny" else "default"))
     pipeline = Pipeline(bundle)
     assert bundle.sizes.sequence == "prefix"
     assert bench_stream(pipeline, seconds=0.6).stages_ms["generator"][0] > 0

@@ -107,8 +107,10 @@ def test_a_generator_that_hears_ahead_is_refused_by_name(tiny_bundle: Path, tmp_
 @pytest.mark.parametrize("sequence", ["prefix", "interleaved", "depth"])
 def test_a_generator_of_the_papers_size_has_any_order_and_no_lead_in(tiny_bundle: Path, sequence: Any) -> None:
     bundle = load_bundle(tiny_bundle)
+    loaded = {"codec": bundle.codec, "tokenizer": bundle.tokenizer}  # before parts without memory are asked for
     with torch.device("meta"):
         large = with_random_generator(bundle, sequence)
     assert large.generator.config.sequence == sequence
     assert large.runtime.lead_in_s == 0
+    assert {name: large.parts[name].module for name in loaded} == loaded
     assert large.generator.config.layout == bundle.generator.config.layout

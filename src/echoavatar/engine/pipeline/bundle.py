@@ -243,10 +243,12 @@ def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleav
     """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
 
     `prefix` is the paper's own order, which prefills its window at every step. Silence does not bring such a generator
-    to rest, so it has no lead-in. Raises DependencyError without the lab.
+    to rest, so it has no lead-in. The paper's chunk is longer than that of our graphs, so codec and tokenizer are torch
+    modules. Raises DependencyError without the lab.
     """
     sizes = qwen_half_billion(bundle.sizes.layout, sequence)
     generator = torch_backend("a model of the paper's size").random_generator(sizes)
     runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
     name = f"{bundle.name}, 0.5B random generator"
-    return replace(bundle.having(generator=generator), name=name, runtime=runtime)
+    others = {"codec": bundle.codec, "tokenizer": bundle.tokenizer}
+    return replace(bundle.having(generator=generator, **others), name=name, runtime=runtime)
